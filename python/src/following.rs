@@ -7,6 +7,7 @@ use crate::follow::{FollowCommand, FollowLine, FollowReply, FollowSettings, Foll
 use crate::joints::JointTable;
 use crate::motion_book::{MotionAccount, MotionBook};
 use crate::relay::RunMessage;
+use crate::sense_slots::SenseClasses;
 use crate::session::{Finished, RunOrigin, RunRequest, Session, SessionWait, scene_of};
 use crate::view::{PyView, RunRobots};
 use crate::wait::{SIGNAL_PERIOD, background, internal};
@@ -184,6 +185,7 @@ impl FollowingState {
             SessionWait::Gone if self.over.is_some() => {}
             SessionWait::Gone => return Err(internal().into()),
             SessionWait::Message(RunMessage::Question(pending)) => drop(pending),
+            SessionWait::Message(RunMessage::Sense(pending)) => drop(pending),
             SessionWait::Message(RunMessage::Ended(ended)) => {
                 let Finished { folder, summary, .. } = ended.inspect_err(|failure| {
                     self.over = Some(failure.message.clone());
@@ -270,7 +272,16 @@ impl PyFollowing {
         };
         let account = Some(robot.clone());
         let drivers = drivers_of(drivers)?;
-        let request = RunRequest { origin, out, agents, drivers, account, only_virtual: false, follow: Some(settings) };
+        let request = RunRequest {
+            origin,
+            out,
+            agents,
+            senses: SenseClasses::default(),
+            drivers,
+            account,
+            only_virtual: false,
+            follow: Some(settings),
+        };
         let session = background(py, None, move |_, _| Session::start(request))?;
         let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
         let (line, book) = session.line.clone().zip(session.book.clone()).ok_or_else(internal)?;

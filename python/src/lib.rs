@@ -1,20 +1,22 @@
-//! The Python package `mobee`: models, kinematics, collision queries, certified edges, runs with agents and drivers in Python,
-//! environments.
+//! The Python package `mobee`: models, kinematics, collision queries, certified edges, runs with agents, detectors
+//! and drivers in Python, environments.
 //!
 //! ```text
 //! Python ──arrays, place──> checked numbers ──joints──> rad of encoder ──> model, fast engine ──> results ──> Python
 //! run on a thread of its own ──relay──Question──> session ──serve──> agent in Python ──intent──> Reply ──> run
+//! detector, locator ──sense_relay──Sense──> session ──sense_serve──> detector, locator in Python ──> Reply ──> run
 //! policy in Python ──following──set-point──> follow, a service of the run ──stream──> run
 //! driver actor ──callback_line──> positions ──driver_line──> driver in Python ──sample──> callback_line ──> driver actor
 //! ```
 //!
-//! The files without Python (`failure`, `joints`, `pose`, `chain`, `inverse`; `relay`, `session`, `slots`, `motion_book`, `follow`, `callback_arm`,
-//! `callback_line`) never name the interpreter: a run has no thread that waits for its lock. Of these the first five are tested by `tests/`, all others by pytest. No call panics, whatever
+//! The files without Python (`attach`, `failure`, `joints`, `pose`, `chain`, `inverse`; `timing`, `relay`, `sense_relay`, `sense_slots`, `session`, `slots`, `motion_book`, `follow`, `callback_arm`,
+//! `callback_line`) never name the interpreter: a run has no thread that waits for its lock. Of these `failure`, `joints`, `pose`, `chain` and `inverse` are tested by `tests/`, all others by pytest. No call panics, whatever
 //! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
 //! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).
 
 mod arrays;
+mod attach;
 mod callback_arm;
 mod callback_line;
 mod chain;
@@ -24,6 +26,7 @@ mod driver_line;
 mod failure;
 mod follow;
 mod following;
+mod given;
 mod intent;
 mod inverse;
 mod joints;
@@ -35,13 +38,18 @@ mod pose;
 mod raise;
 mod relay;
 mod results;
+mod roadmap;
 mod robot;
 mod run;
 mod scene;
+mod sense_relay;
+mod sense_serve;
+mod sense_slots;
 mod serve;
 mod session;
 mod slots;
 mod steps;
+mod timing;
 mod view;
 mod wait;
 
@@ -63,9 +71,11 @@ mod _native {
     #[pymodule_export]
     use crate::load::load;
     #[pymodule_export]
-    use crate::plan::{PyNoPlan, PyPlan};
+    use crate::plan::{PyNoPlan, PyPlan, PyTrajectory};
     #[pymodule_export]
     use crate::results::{PyBlocked, PyContact, PyFree, PyIk, PyUnproved};
+    #[pymodule_export]
+    use crate::roadmap::PyRoadmap;
     #[pymodule_export]
     use crate::robot::PyRobot;
     #[pymodule_export]

@@ -1,8 +1,9 @@
 //! Plans: certified paths of one robot of a scene.
 
-use crate::arrays::array;
+use crate::arrays::{array, vector};
 use crate::failure::Failure;
-use crate::wait::Cancelled;
+use crate::timing::{TimedPath, TimingLimits, timed};
+use crate::wait::{Cancelled, background};
 use mobee_model::{PairRule, Robot, Scene};
 use mobee_planning::planners::{JointSpace, NoPath, Planner, PlanningProblem, RrtConnect, shorten};
 use numpy::PyArrayDyn;
@@ -48,6 +49,49 @@ impl PyPlan {
         array(py, self.path.clone(), &[self.rows, self.path.len() / self.rows.max(1)])
     }
 
+    /// A trajectory along the path, as fast as limits of velocity, acceleration and jerk permit (Ruckig).
+    ///
+    /// It stays on the proved edges, so it comes to rest at each corner, and joints move in proportion between two corners.
+    ///
+    /// Parameters
+    /// ----------
+    /// velocity, acceleration, jerk : float or array (dof,)
+    ///     Greatest ones of each joint, above zero, rad or m, per s, s^2 and s^3.
+    /// every : float
+    ///     Period of the samples, s. Corners are samples, too.
+    ///
+    /// Returns
+    /// -------
+    /// Trajectory
+    ///
+    /// Raises
+    /// ------
+    /// MobeeError
+    ///     code ``bounds`` or ``limits`` (limits that are not above zero, or too different in magnitude), ``shape``, ``dtype``, ``too_many``.
+    #[pyo3(signature = (*, velocity, acceleration, jerk, every=0.01))]
+    fn time_parameterize(
+        &self,
+        py: Python<'_>,
+        velocity: &Bound<'_, PyAny>,
+        acceleration: &Bound<'_, PyAny>,
+        jerk: &Bound<'_, PyAny>,
+        every: f64,
+    ) -> PyResult<PyTrajectory> {
+        let width = self.path.len() / self.rows.max(1);
+        let limits = TimingLimits {
+            velocity: limits_of("velocity", velocity, width)?,
+            acceleration: limits_of("acceleration", acceleration, width)?,
+            jerk: limits_of("jerk", jerk, width)?,
+        };
+        if !(1e-6..=1e6).contains(&every) {
+            let message = format!("every is {every} s");
+            return Err(Failure::new("bounds", message, "give seconds, such as 0.01").at("every").into());
+        }
+        let path = self.path.clone();
+        let timed = background(py, None, move |_, _| timed(&path, width, &limits, every))?;
+        Ok(PyTrajectory { timed, width })
+    }
+
     fn __bool__(&self) -> bool {
         true
     }
@@ -55,6 +99,77 @@ impl PyPlan {
     fn __repr__(&self) -> String {
         format!("Plan({} configurations, length={:.3}, evaluations={})", self.rows, self.length, self.evaluations)
     }
+}
+
+/// A path with times, from rest to rest; at each corner it rests.
+///
+/// Attributes
+/// ----------
+/// times : ndarray (T,)
+///     From 0, s; increasing.
+/// q, velocity, acceleration : ndarray (T, dof)
+///     rad or m, per s and s^2.
+/// duration : float
+///     s.
+#[pyclass(name = "Trajectory", module = "mobee", frozen)]
+pub(crate) struct PyTrajectory {
+    timed: TimedPath,
+    width: usize,
+}
+
+impl PyTrajectory {
+    fn table<'py>(&self, py: Python<'py>, all: &[f64]) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        array(py, all.to_vec(), &[self.timed.times.len(), self.width])
+    }
+}
+
+#[pymethods]
+impl PyTrajectory {
+    #[getter]
+    fn times<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        array(py, self.timed.times.clone(), &[self.timed.times.len()])
+    }
+
+    #[getter]
+    fn q<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.table(py, &self.timed.q)
+    }
+
+    #[getter]
+    fn velocity<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.table(py, &self.timed.velocity)
+    }
+
+    #[getter]
+    fn acceleration<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f64>>> {
+        self.table(py, &self.timed.acceleration)
+    }
+
+    #[getter]
+    fn duration(&self) -> f64 {
+        self.timed.times.last().copied().unwrap_or_default()
+    }
+
+    fn __len__(&self) -> usize {
+        self.timed.times.len()
+    }
+
+    fn __repr__(&self) -> String {
+        format!("Trajectory({} samples, duration={:.3})", self.timed.times.len(), self.duration())
+    }
+}
+
+/// Limits of all joints, or one for each.
+fn limits_of(what: &'static str, given: &Bound<'_, PyAny>, width: usize) -> PyResult<Vec<f64>> {
+    let all = match given.extract::<f64>() {
+        Ok(one) => vec![one; width],
+        Err(_) => vector(what, given, width, &format!("give a number, or ({width},) of them"))?,
+    };
+    if let Some(limit) = all.iter().find(|limit| !(1e-9..=1e9).contains(*limit)) {
+        let message = format!("a limit is {limit}");
+        return Err(Failure::new("bounds", message, "give limits above zero").at(what).into());
+    }
+    Ok(all)
 }
 
 /// Why there is no plan. False in a condition.

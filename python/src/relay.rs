@@ -7,6 +7,7 @@
 //! In virtual time the relay waits for the reply, and the clock stands. In real time it waits for some milliseconds and then returns
 //! `Wait`: Python code delays its own motions alone, and no part of the run waits for it.
 
+use crate::sense_relay::PendingSense;
 use crate::wait::Cancelled;
 use mobee_contract::{Agent, Intent, MotionEnd, Refusal, Snapshot, View};
 use serde_json::Value;
@@ -58,6 +59,7 @@ pub(crate) struct AgentReply {
 /// A message of the run's thread.
 pub(crate) enum RunMessage<E> {
     Question(Box<PendingQuestion>),
+    Sense(Box<PendingSense>),
     Ended(E),
 }
 
@@ -80,6 +82,11 @@ impl<E> Clone for RelayLine<E> {
 impl<E> RelayLine<E> {
     pub fn new(questions: SyncSender<RunMessage<E>>, cancelled: Cancelled, real: bool) -> Self {
         Self { questions, cancelled, real, lives: Arc::default() }
+    }
+
+    /// Counts a life; returns the number of those before it.
+    pub fn begin_life(&self) -> u32 {
+        self.lives.fetch_add(1, Ordering::Relaxed)
     }
 }
 
@@ -104,7 +111,7 @@ enum Waited {
 impl<E: Send + 'static> RelayAgent<E> {
     /// The agent in its first life, or in the next one after a death.
     pub fn new(line: &RelayLine<E>) -> Self {
-        let life = line.lives.fetch_add(1, Ordering::Relaxed);
+        let life = line.begin_life();
         Self { line: line.clone(), life, state: Value::Null, import: None, next: None, revise: None }
     }
 

@@ -1,6 +1,7 @@
 //! `mobee.Robot`: a model and its kinematics.
 
 use crate::arrays::{Rows, array, reserved};
+use crate::attach::attach;
 use crate::chain::Chain;
 use crate::failure::Failure;
 use crate::inverse::{FrameGoal, solve};
@@ -10,8 +11,9 @@ use crate::pose::matrix;
 use crate::results::PyIk;
 use crate::scene::PyScene;
 use crate::wait::{background, chunks};
-use mobee_model::{Robot, Skeleton, suggestion};
-use nalgebra::{Isometry3, UnitQuaternion};
+use crate::world::Carrier;
+use mobee_model::{Object, Primitive, Robot, Skeleton, suggestion};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -32,11 +34,19 @@ const MAX_ATTEMPTS: usize = 1_000_000;
 pub(crate) struct PyRobot {
     pub model: Arc<Robot>,
     pub joints: Arc<JointTable>,
-    frames: BTreeMap<String, Arc<Chain>>,
+    frames: BTreeMap<String, RobotFrame>,
     /// The robot file.
     text: String,
     notes: Vec<String>,
     warnings: Vec<String>,
+}
+
+/// A frame of a robot: that of a node, turned.
+struct RobotFrame {
+    chain: Arc<Chain>,
+    node: usize,
+    /// `node_from_frame`.
+    turn: UnitQuaternion<f64>,
 }
 
 impl PyRobot {
@@ -57,7 +67,7 @@ impl PyRobot {
         for (name, node) in nodes.chain(markers) {
             let turn = rotations.get(name).copied().unwrap_or_default();
             if let Some(chain) = Chain::new(&skeleton, node, &turn) {
-                frames.insert(name.to_owned(), Arc::new(chain));
+                frames.insert(name.to_owned(), RobotFrame { chain: Arc::new(chain), node, turn });
             }
         }
         let joints = Arc::new(JointTable::new([&model]));
@@ -73,6 +83,41 @@ impl PyRobot {
 
     /// The chain to a frame.
     pub fn chain(&self, frame: &str) -> Result<&Arc<Chain>, Failure> {
+        Ok(&self.frame(frame)?.chain)
+    }
+
+    /// Tests for a frame.
+    pub fn has_frame(&self, frame: &str) -> bool {
+        self.frames.contains_key(frame)
+    }
+
+    /// The robot with an object attached.
+    ///
+    /// # Errors
+    /// A link or part that the robot does not have; an object with the name of a link.
+    pub fn carrying(&self, model: &Robot, object: &Object, carrier: &Carrier) -> Result<Robot, Failure> {
+        let RobotFrame { node, turn, .. } = self.frame(&carrier.link)?;
+        if model.node_named(&object.name).is_some() {
+            let message = format!("{} is also a link of the robot {}", object.name, model.name);
+            return Err(Failure::new("duplicate", message, "give the object another name").at("world"));
+        }
+        let mut touch = Vec::new();
+        for name in &carrier.touch {
+            match model.parts.iter().position(|part| part.name == *name) {
+                Some(part) => {
+                    touch.extend(model.nodes.iter().enumerate().filter(|(_, n)| n.part == part).map(|(i, _)| i))
+                }
+                None => touch.push(self.frame(name).map_err(|failure| failure.at("touch"))?.node),
+            }
+        }
+        let node_from_object = Isometry3::from_parts(Translation3::identity(), *turn) * carrier.pose;
+        let solids = object.shapes.iter().map(|s| Primitive { pose: node_from_object * s.pose, ..s.clone() }).collect();
+        let mut carrying = model.clone();
+        attach(&mut carrying, &object.name, *node, solids, &touch);
+        Ok(carrying)
+    }
+
+    fn frame(&self, frame: &str) -> Result<&RobotFrame, Failure> {
         self.frames.get(frame).ok_or_else(|| {
             let known: Vec<&str> = self.frames.keys().map(String::as_str).collect();
             let message = format!("the robot {} has no frame {frame:?}", self.model.name);

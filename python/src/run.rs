@@ -3,6 +3,7 @@
 use crate::driver_line::drivers_of;
 use crate::failure::Failure;
 use crate::relay::RunMessage;
+use crate::sense_serve::PySenses;
 use crate::serve::PyAgents;
 use crate::session::{Finished, RunOrigin, RunRequest, Session, SessionWait, robot_names};
 use crate::view::RunRobots;
@@ -50,14 +51,17 @@ impl Drop for Nested {
 /// difference.
 type RunParts = (PathBuf, String, bool, Vec<String>, Option<u64>, Option<String>);
 
-/// Runs a file, or replays a folder; calls agents in this thread.
+/// Runs a file, or replays a folder; calls agents, detectors and locators in this thread.
 #[pyfunction]
-#[pyo3(signature = (path, agents, drivers, *, set, out, replay))]
+#[pyo3(signature = (path, agents, drivers, detectors, locators, *, set, out, replay))]
+#[expect(clippy::too_many_arguments, reason = "arguments of Python, from `mobee.run` alone")]
 pub(crate) fn conduct(
     py: Python<'_>,
     path: PathBuf,
     agents: &Bound<'_, PyDict>,
     drivers: &Bound<'_, PyDict>,
+    detectors: &Bound<'_, PyDict>,
+    locators: &Bound<'_, PyDict>,
     set: Vec<String>,
     out: Option<PathBuf>,
     replay: bool,
@@ -66,8 +70,17 @@ pub(crate) fn conduct(
     let mut agents = PyAgents::read(agents)?;
     let origin = if replay { RunOrigin::Replay(path) } else { RunOrigin::File { file: path, set } };
     let drivers = drivers_of(drivers)?;
-    let request =
-        RunRequest { origin, out, agents: agents.classes(), drivers, account: None, only_virtual: false, follow: None };
+    let mut senses = PySenses::read(detectors, locators)?;
+    let request = RunRequest {
+        origin,
+        out,
+        agents: agents.classes(),
+        senses: senses.classes(),
+        drivers,
+        account: None,
+        only_virtual: false,
+        follow: None,
+    };
     let session = background(py, None, move |_, _| Session::start(request))?;
     let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
     let mut interrupted: Option<PyErr> = None;
@@ -79,7 +92,12 @@ pub(crate) fn conduct(
             SessionWait::Message(RunMessage::Question(pending)) if interrupted.is_none() => {
                 agents.serve(py, &robots, *pending).and_then(|()| py.check_signals())
             }
-            SessionWait::Message(RunMessage::Question(_)) | SessionWait::NotYet => py.check_signals(),
+            SessionWait::Message(RunMessage::Sense(pending)) if interrupted.is_none() => {
+                senses.serve(py, &robots, *pending).and_then(|()| py.check_signals())
+            }
+            SessionWait::Message(RunMessage::Question(_) | RunMessage::Sense(_)) | SessionWait::NotYet => {
+                py.check_signals()
+            }
             SessionWait::Gone => return Err(crate::wait::internal().into()),
         };
         if let Err(e) = outcome {

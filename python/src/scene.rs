@@ -8,9 +8,9 @@ use crate::plan::{FoundPath, PathSearch, PyPlan, pair_rules, seconds};
 use crate::results::{PyBlocked, PyContact, PyFree, PyUnproved};
 use crate::robot::PyRobot;
 use crate::wait::{background, chunks};
-use crate::world::PyWorld;
+use crate::world::{PyWorld, WorldItem};
 use mobee_fast::{EdgeVerdict, FastScene};
-use mobee_model::{Contact, Robot, Scene};
+use mobee_model::{Contact, Object, Robot, Scene};
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 use std::collections::BTreeMap;
@@ -82,7 +82,8 @@ impl PyScene {
 
     /// The index of a robot, which must be the very one that the scene was made with.
     pub fn index_of(&self, robot: &Arc<Robot>) -> Result<usize, Failure> {
-        self.scene.robots().iter().position(|r| Arc::ptr_eq(r, robot)).ok_or_else(|| {
+        // the scene's own models have the attached objects
+        self.robots.iter().position(|r| Arc::ptr_eq(&r.get().model, robot)).ok_or_else(|| {
             let remedy = "give a scene that was made with this robot";
             Failure::new("unknown", format!("the scene has no robot {}", robot.name), remedy).at("scene")
         })
@@ -185,6 +186,36 @@ fn robots_of(robots: &Bound<'_, PyAny>) -> PyResult<Vec<Py<PyRobot>>> {
     Ok(all)
 }
 
+/// Models of robots with the objects attached to them, and the other objects.
+fn carried(
+    robots: &[Py<PyRobot>],
+    mut models: Vec<Arc<Robot>>,
+    items: Vec<WorldItem>,
+) -> Result<(Vec<Arc<Robot>>, Vec<Object>), Failure> {
+    let mut objects = Vec::new();
+    for WorldItem { object, carrier } in items {
+        let Some(carrier) = carrier else {
+            objects.push(Object::clone(&object));
+            continue;
+        };
+        let is_named = |robot: &PyRobot| carrier.robot.as_ref().is_none_or(|name| *name == robot.model.name);
+        let carries = |robot: &PyRobot| is_named(robot) && robot.has_frame(&carrier.link);
+        let mut carriers = robots.iter().zip(&mut models).filter(|(robot, _)| carries(robot.get()));
+        match (carriers.next(), carriers.next()) {
+            (Some((robot, model)), None) => *model = Arc::new(robot.get().carrying(model, &object, &carrier)?),
+            (None, _) => {
+                let message = format!("{} is attached to {}, and no robot has such a link", object.name, carrier.link);
+                return Err(Failure::new("unknown", message, "give this robot, or attach it elsewhere").at("world"));
+            }
+            (Some(_), Some(_)) => {
+                let message = format!("{} is attached to {}, which several robots have", object.name, carrier.link);
+                return Err(Failure::new("unknown", message, "name the robot: attach(..., robot=...)").at("world"));
+            }
+        }
+    }
+    Ok((models, objects))
+}
+
 #[pymethods]
 impl PyScene {
     #[new]
@@ -204,7 +235,7 @@ impl PyScene {
             let message = "the scene has no joint that moves";
             return Err(Failure::new("joints", message, "give a robot with a joint").at("robots").into());
         }
-        let objects = world.map(PyWorld::snapshot).unwrap_or_default();
+        let (models, objects) = carried(&robots, models, world.map(PyWorld::snapshot).unwrap_or_default())?;
         let (scene, fast) = background(py, None, move |_, _| {
             let scene = Scene::new(models.into_iter().zip(bases).collect(), objects)?;
             let fast = FastScene::new(&scene, clearance).map_err(|e| Failure::from(e).at("clearance"))?;

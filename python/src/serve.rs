@@ -1,28 +1,20 @@
 //! Agents in Python: the questions of a run put to them, in the thread that started it.
 
-use crate::failure::Failure;
+use crate::given::{Given, PartBase};
 use crate::intent::{AnsweringRobot, intent, state, type_name};
 use crate::relay::{AgentQuestion, AgentReply, PendingQuestion};
 use crate::view::{PyView, RunRobots};
 use mobee_contract::MotionEnd;
 use pyo3::exceptions::PyException;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString, PyType};
+use pyo3::types::{PyDict, PyType};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// Characters of a traceback in the journal at most: its end, where the exception is.
 const MAX_TRACEBACK: usize = 8000;
-/// Robots with agents at most.
-const MAX_AGENTS: usize = 64;
 
-/// An agent that was passed: an object, or a class or function that makes one for each life.
-struct Given {
-    given: Py<PyAny>,
-    is_maker: bool,
-    class: String,
-    instance: Option<(u32, Py<PyAny>)>,
-}
+const AGENT: PartBase = PartBase { module: "mobee._agent", class: "Agent", argument: "agents", of: "robot" };
 
 /// The agents of a run, by robot.
 pub(crate) struct PyAgents(BTreeMap<String, Given>);
@@ -33,31 +25,7 @@ impl PyAgents {
     /// # Errors
     /// A value that is not an agent.
     pub fn read(agents: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let py = agents.py();
-        let base = py.import("mobee._agent")?.getattr("Agent")?;
-        let mut all = BTreeMap::new();
-        for (name, given) in agents.iter().take(MAX_AGENTS + 1) {
-            let wrong = |what: String, remedy: &str| PyErr::from(Failure::new("type", what, remedy).at("agents"));
-            let Ok(name) = name.cast::<PyString>() else {
-                return Err(wrong(
-                    format!("a robot's name is {}", type_name(&name)),
-                    "give the names of robots, as str",
-                ));
-            };
-            let name = name.to_string_lossy().into_owned();
-            let is_agent = given.is_instance(&base)?;
-            let is_maker = !is_agent && given.is_callable();
-            if !is_agent && !is_maker {
-                let what = format!("the agent of {name} is {}", type_name(&given));
-                return Err(wrong(what, "give an object of a class that derives from mobee.Agent, or such a class"));
-            }
-            let class = class_name(&given);
-            all.insert(name, Given { given: given.unbind(), is_maker, class, instance: None });
-        }
-        if all.len() > MAX_AGENTS {
-            return Err(Failure::new("too_many", "too many agents", "give fewer").at("agents").into());
-        }
-        Ok(Self(all))
+        Ok(Self(AGENT.read(agents)?))
     }
 
     /// The names of their classes, by robot.
@@ -71,11 +39,7 @@ impl PyAgents {
     /// Ctrl-C, exit: what is no `Exception`. The question then has no reply.
     pub fn serve(&mut self, py: Python<'_>, robots: &Arc<RunRobots>, pending: PendingQuestion) -> PyResult<()> {
         let PendingQuestion { question, view, life, reply } = pending;
-        let answer = match self.answer(py, robots, question, view, life) {
-            Ok(answer) => Ok(answer),
-            Err(e) if e.is_instance_of::<PyException>(py) => Err(in_words(py, &e)),
-            Err(e) => return Err(e),
-        };
+        let answer = reply_of(py, self.answer(py, robots, question, view, life))?;
         // fails if the run ends
         let _ = reply.try_send(answer);
         Ok(())
@@ -92,7 +56,7 @@ impl PyAgents {
         let name = robots.names.get(view.robot).cloned().unwrap_or_default();
         let joints = robots.joints.get(view.robot).cloned().ok_or_else(crate::wait::internal)?;
         let given = self.0.get_mut(&name).ok_or_else(crate::wait::internal)?;
-        let agent = given.of_life(py, life)?;
+        let agent = given.of_life(py, &AGENT, &name, life)?;
         let pose = view.pose().to_vec();
         let seen = Bound::new(py, PyView { view, robots: Arc::clone(robots) })?;
         let standing =
@@ -121,22 +85,15 @@ impl PyAgents {
     }
 }
 
-impl Given {
-    /// The agent of a life.
-    fn of_life<'py>(&mut self, py: Python<'py>, life: u32) -> PyResult<Bound<'py, PyAny>> {
-        if let Some((of, instance)) = &self.instance
-            && (*of == life || !self.is_maker)
-        {
-            return Ok(instance.bind(py).clone());
-        }
-        let made = if self.is_maker { self.given.bind(py).call0()? } else { self.given.bind(py).clone() };
-        let base = py.import("mobee._agent")?.getattr("Agent")?;
-        if !made.is_instance(&base)? {
-            let what = format!("{} made {}, which is no mobee.Agent", self.class, type_name(&made));
-            return Err(Failure::new("type", what, "return an object of a class that derives from mobee.Agent").into());
-        }
-        self.instance = Some((life, made.clone().unbind()));
-        Ok(made)
+/// The reply of Python code, where an exception is its death, in words.
+///
+/// # Errors
+/// Ctrl-C, exit: what is no `Exception`.
+pub(crate) fn reply_of<T>(py: Python<'_>, answer: PyResult<T>) -> PyResult<Result<T, String>> {
+    match answer {
+        Ok(answer) => Ok(Ok(answer)),
+        Err(e) if e.is_instance_of::<PyException>(py) => Ok(Err(in_words(py, &e))),
+        Err(e) => Err(e),
     }
 }
 

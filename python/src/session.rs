@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use crate::follow::{FollowLine, FollowService, FollowSettings};
 use crate::motion_book::MotionBook;
 use crate::relay::{RelayAgent, RelayLine, RunMessage};
+use crate::sense_slots::SenseClasses;
 use crate::slots::{PassedParts, with_passed};
 use crate::wait::Cancelled;
 use mobee::compose::{Composition, from_source};
@@ -24,7 +25,7 @@ use std::thread;
 use std::time::Duration;
 use tokio::sync::mpsc;
 
-/// Messages of the run that may wait for Python: one of each agent.
+/// Messages of the run that may wait for Python: one of each agent, detector and locator.
 const MAX_MESSAGES: usize = 64;
 /// Controls that may wait for the run.
 const MAX_CONTROLS: usize = 16;
@@ -47,6 +48,8 @@ pub(crate) struct RunRequest {
     pub out: Option<PathBuf>,
     /// Robots with an agent in Python, each with the name of its class.
     pub agents: BTreeMap<String, String>,
+    /// Detectors and locators in Python.
+    pub senses: SenseClasses,
     /// Drivers in Python, by robot.
     pub drivers: BTreeMap<String, Arc<CallbackLine>>,
     /// Robot for which a [`MotionBook`] is written.
@@ -101,11 +104,12 @@ impl Session {
     /// # Errors
     /// All that is wrong with the configuration; nothing runs then.
     pub fn start(request: RunRequest) -> Result<Self, Failure> {
-        let RunRequest { origin, out, agents, drivers, account, only_virtual, follow } = request;
-        let passed = PassedParts { agents: agents.keys().cloned().collect(), drivers };
+        let RunRequest { origin, out, agents, senses, drivers, account, only_virtual, follow } = request;
+        let passed = PassedParts { agents: agents.keys().cloned().collect(), drivers, senses: true };
         let (mut composition, recorded) = match origin {
             RunOrigin::File { file, set } => {
-                let source = source(&file, &set, &agents, &passed)?;
+                let mut source = source(&file, &set, &agents, &passed)?;
+                senses.assign(&mut source)?;
                 (with_passed(&passed, || from_source(&source))?, None)
             }
             RunOrigin::Replay(folder) => {
@@ -125,6 +129,7 @@ impl Session {
             let line = RelayLine::new(questions.clone(), cancelled.clone(), real);
             robot.agent = Some(Arc::new(move || Ok(Box::new(RelayAgent::new(&line)) as Box<dyn Agent>)));
         }
+        senses.install(&mut composition, || RelayLine::new(questions.clone(), cancelled.clone(), real))?;
         let scene = Arc::new(composition.scene.clone());
         let warnings = composition.warnings.clone();
         let seed = composition.config.seed;
@@ -248,7 +253,7 @@ pub(crate) fn scene_of(origin: &RunOrigin, agents: &BTreeMap<String, String>) ->
     let RunOrigin::File { file, set } = origin else {
         return Err(Failure::new("file", "this is the folder of a run", "give a configuration file"));
     };
-    let passed = PassedParts { agents: agents.keys().cloned().collect(), drivers: BTreeMap::new() };
+    let passed = PassedParts { agents: agents.keys().cloned().collect(), ..PassedParts::default() };
     let source = source(file, set, agents, &passed)?;
     Ok(with_passed(&passed, || from_source(&source))?.scene)
 }

@@ -1,13 +1,15 @@
-//! The kinds `python` of agents and drivers: their settings in a configuration, and the place in which their code is passed. No Python here.
+//! The kinds `python` of agents, drivers, detectors and locators: their settings in a configuration, and the place in which their code is passed. No Python here.
 
 use crate::callback_line::CallbackLine;
 use mobee::kinds::PYTHON;
 use mobee_contract::{
-    Agent, Hardware, Intent, Kind, KindError, MotionEnd, Refusal, Registered, Snapshot, Summary, View, settings,
+    Agent, BodyState, Detector, Frame, Hardware, Intent, Kind, KindError, Located, Locator, MotionEnd, Refusal, Region,
+    Registered, Sighting, Snapshot, Summary, View, settings,
 };
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Parts in Python of the configuration that a thread builds.
 #[derive(Clone, Default)]
@@ -16,6 +18,8 @@ pub(crate) struct PassedParts {
     pub agents: BTreeSet<String>,
     /// Drivers by robot.
     pub drivers: BTreeMap<String, Arc<CallbackLine>>,
+    /// Admits detectors and locators: the session tests afterward that each was passed.
+    pub senses: bool,
 }
 
 thread_local! {
@@ -30,7 +34,7 @@ pub(crate) fn with_passed<T>(parts: &PassedParts, build: impl FnOnce() -> T) -> 
     built
 }
 
-/// An agent or a driver that is Python code.
+/// A part that is Python code.
 #[derive(serde::Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct PythonSettings {
@@ -55,6 +59,52 @@ impl Agent for Stand {
     fn import(&mut self, _from: Snapshot) -> Result<(), Refusal> {
         Ok(())
     }
+}
+
+impl Detector for Stand {
+    fn detect(&mut self, _frame: &Frame) -> Vec<Region> {
+        Vec::new()
+    }
+
+    fn takes(&self) -> Duration {
+        Duration::ZERO
+    }
+}
+
+impl Locator for Stand {
+    fn locate(&mut self, _seen: &[Sighting], _body: &BodyState) -> Vec<Located> {
+        Vec::new()
+    }
+}
+
+/// Builds the stand-in of a detector or locator.
+fn stand_of_sense(value: &serde_json::Value, argument: &str) -> Result<Box<Stand>, KindError> {
+    let PythonSettings { .. } = settings(value)?;
+    if PASSED.with(|passed| passed.borrow().senses) {
+        return Ok(Box::new(Stand));
+    }
+    let what = "this is Python code, and only `mobee.run` can pass it";
+    Err(KindError::new("kind", what, format!("pass it when the run starts: mobee.run(file, {argument}={{...}})")))
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Detector> {
+        name: PYTHON,
+        doc: "Python code, which is passed to `mobee.run`.",
+        schema: || schemars::schema_for!(PythonSettings),
+        example: |_| Err("its code is passed to `mobee.run`"),
+        build: |value, _| Ok(stand_of_sense(value, "detectors")?),
+    })
+}
+
+inventory::submit! {
+    Registered(&Kind::<dyn Locator> {
+        name: PYTHON,
+        doc: "Python code, which is passed to `mobee.run`.",
+        schema: || schemars::schema_for!(PythonSettings),
+        example: |_| Err("its code is passed to `mobee.run`"),
+        build: |value, _| Ok(stand_of_sense(value, "locators")?),
+    })
 }
 
 inventory::submit! {

@@ -4,6 +4,7 @@ use crate::failure::Failure;
 use crate::intent::{AnsweringRobot, intent};
 use crate::motion_book::MotionAccount;
 use crate::relay::{AgentQuestion, AgentReply, PendingQuestion, RunMessage};
+use crate::sense_slots::SenseClasses;
 use crate::session::{RunOrigin, RunRequest, Session, SessionWait};
 use crate::view::{PyView, RunRobots};
 use crate::wait::{SIGNAL_PERIOD, background, internal};
@@ -81,6 +82,8 @@ impl StepsState {
                         let _ = pending.reply.try_send(Ok(AgentReply { intent: None, state: None }));
                     }
                 },
+                // no detector of an environment is in Python
+                SessionWait::Message(RunMessage::Sense(pending)) => drop(pending),
                 SessionWait::Message(RunMessage::Ended(ended)) => {
                     let finished = match ended {
                         Ok(finished) => finished,
@@ -159,7 +162,16 @@ impl PySteps {
         let origin = RunOrigin::File { file: path, set };
         let account = Some(robot.clone());
         let drivers = BTreeMap::new();
-        let request = RunRequest { origin, out: Some(out), agents, drivers, account, only_virtual: true, follow: None };
+        let request = RunRequest {
+            origin,
+            out: Some(out),
+            agents,
+            senses: SenseClasses::default(),
+            drivers,
+            account,
+            only_virtual: true,
+            follow: None,
+        };
         let session = background(py, None, move |_, _| Session::start(request))?;
         let robots = Arc::new(RunRobots::new(&session.scene, session.seeds.clone()));
         let mut inner = StepsState { state: StepPhase::Moving, session: Some(session), robots, robot, folder: None };
@@ -267,6 +279,7 @@ fn ended_within(session: &Session, patience: Duration) -> Option<PathBuf> {
         let left = until.saturating_duration_since(Instant::now());
         match session.wait(left) {
             SessionWait::Message(RunMessage::Question(pending)) => drop(pending),
+            SessionWait::Message(RunMessage::Sense(pending)) => drop(pending),
             SessionWait::Message(RunMessage::Ended(ended)) => return ended.ok().map(|finished| finished.folder),
             SessionWait::NotYet | SessionWait::Gone => return None,
         }

@@ -15,6 +15,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 /// The robots of a run, as all views of it have them.
 pub(crate) struct RunRobots {
+    /// Robots and objects at the start.
+    pub start: Arc<Scene>,
     pub names: Vec<String>,
     pub joints: Vec<Arc<JointTable>>,
     pub seeds: Vec<u64>,
@@ -24,9 +26,10 @@ pub(crate) struct RunRobots {
 }
 
 impl RunRobots {
-    pub fn new(scene: &Scene, seeds: Vec<u64>) -> Self {
+    pub fn new(scene: &Arc<Scene>, seeds: Vec<u64>) -> Self {
         let robots = scene.robots();
         Self {
+            start: Arc::clone(scene),
             names: robots.iter().map(|robot| robot.name.clone()).collect(),
             joints: robots.iter().map(|robot| Arc::new(JointTable::new([robot.as_ref()]))).collect(),
             seeds,
@@ -35,7 +38,8 @@ impl RunRobots {
         }
     }
 
-    fn model(&self, py: Python<'_>, scene: &Scene, robot: usize) -> PyResult<Py<PyRobot>> {
+    /// The model of a robot.
+    pub fn model(&self, py: Python<'_>, scene: &Scene, robot: usize) -> PyResult<Py<PyRobot>> {
         let made = self
             .models
             .lock()

@@ -2,6 +2,7 @@
 
 `python fuzz.py agents RUNS SEED`: runs whose agents give hostile answers.
 `python fuzz.py drivers CALLS SEED`: drivers with hostile descriptions and readings.
+`python fuzz.py senses RUNS SEED`: runs whose detectors and locators give hostile answers.
 """
 
 from __future__ import annotations
@@ -125,10 +126,13 @@ def main(calls: int, seed: int) -> None:
     world = mobee.World()
     world.add("ball", mobee.Sphere(0.1), position=(1, 1, 1))
     scenes = [mobee.Scene(robot, world) for robot in robots]
+    maps = [mobee.Roadmap(robot, np.stack([robot.home] * 3), neighbors=2) for robot in robots]
+    plans = [mobee.Scene(robot).plan(robot.home, robot.home + 1e-3) for robot in robots]
     outcomes: collections.Counter[str] = collections.Counter()
     for _ in range(calls):
         i = rng.randrange(2)
-        robot, scene = robots[i], scenes[i]
+        robot, scene, roadmap, plan = robots[i], scenes[i], maps[i], plans[i]
+        assert isinstance(plan, mobee.Plan)
         others = [robot, scene, world, mobee.Sphere(0.1), robot.home]
 
         def one(kind: str) -> Any:
@@ -141,6 +145,8 @@ def main(calls: int, seed: int) -> None:
                 "scene": lambda: rng.choice(scenes),
                 "world": lambda: world,
                 "shape": lambda: rng.choice([mobee.Box((1, 1, 1)), mobee.Capsule(0.1, 0.0)]),
+                "names": lambda: rng.choice([[], robot.joint_names[:2], ["ball"], robot.frames[:2], "ball"]),
+                "limit": lambda: rng.choice([1.0, 1e-9, 1e9, one("number"), numbers(rng, robot)]),
                 "name": lambda: rng.choice(["ball", "x", "", "\0", "\U0001f916"]),
                 "number": lambda: rng.choice([0.1, 1, 0, -1, float("nan"), float("inf"), 1e308, 5e-324]),
                 "path": lambda: rng.choice(["no.urdf", "/dev/null", "/dev/zero", "/", "\0", ROBOTS / "ur5.xml"]),
@@ -162,7 +168,16 @@ def main(calls: int, seed: int) -> None:
             (robot.ik, "", dict(frame="frame", position="q", quat_xyzw="q", quat_wxyz="q")),
             (mobee.World().add, "name shape", pose),
             (world.move, "name", pose),
+            (world.attach, "name frame", dict(touch="names", robot="name", **pose)),
+            (world.detach, "name", pose),
             (world.remove, "name", {}),
+            (plan.time_parameterize, "", dict(velocity="limit", acceleration="limit", jerk="limit", every="number")),
+            (mobee.Roadmap, "robots q", dict(joints="names", neighbors="number")),
+            (mobee.Roadmap.load, "path robots", {}),
+            (mobee.Roadmap.build, "path", dict(set="names")),
+            (roadmap.validate, "scene", dict(progress="name")),
+            (roadmap.path, "number number", {}),
+            (roadmap.nearest, "q", {}),
             (mobee.World.load, "path", {}),
             (mobee.Scene, "robots", dict(world="world", bases="q", clearance="number")),
             (mobee.load, "path", dict(srdf="path", mesh_dirs="q", part="name", progress="name", **fit)),
@@ -185,6 +200,8 @@ def main(calls: int, seed: int) -> None:
             options["attempts"] = 3
         if target == scene.plan:
             options["budget"] = 50
+        if target == plan.time_parameterize:
+            options = {**{name: 1.0 for name in ("velocity", "acceleration", "jerk")}, **options}
         if target == world.remove:
             world.add(f"other {outcomes.total()}", mobee.Sphere(0.1), position=(2, 2, 2))
         try:
@@ -256,6 +273,44 @@ def agents(runs: int, seed: int) -> None:
     print(f"{runs} runs:", dict(outcomes.most_common()))
 
 
+def senses(runs: int, seed: int) -> None:
+    warnings.simplefilter("ignore")
+    rng = random.Random(seed)
+    outcomes: collections.Counter[str] = collections.Counter()
+    bounds: list[Any] = [(0, 0, 5, 5), (5, 5, 0, 0), (np.nan,) * 4, (1e300,) * 4, (-1, -1, 1e9, 1e9), ()]
+
+    def answer(others: list[Any], good: list[Any]) -> Any:
+        return rng.choice([[], good, good, good * 3, anything(rng, others), [anything(rng, others)], (x for x in good)])
+
+    class Eye(mobee.Detector):
+        def detect(self, frame: mobee.Frame) -> Any:
+            odd = lambda value: value if rng.random() < 0.9 else anything(rng, [frame, self])  # noqa: E731
+            bound = rng.choice(bounds) if rng.random() < 0.3 else bounds[0]
+            pose = rng.choice([None, None, np.eye(4), np.zeros((4, 4)), np.full((4, 4), np.inf)])
+            region = mobee.Region(odd("cup"), odd(bound), odd(None), odd(None), odd(1.0), odd(None), pose, odd(np.eye(6)))
+            self.takes = odd(0.02)
+            return answer([frame, region], [region])
+
+        def export(self) -> Any:
+            return rng.choice([None, 1, {"a": None}, anything(rng, [self])])
+
+    class Place(mobee.Locator):
+        def locate(self, seen: Any, body: mobee.Body) -> Any:
+            odd = lambda value: value if rng.random() < 0.9 else anything(rng, [seen, body])  # noqa: E731
+            position = rng.choice([(0, 0, 0), (1e300, 0, 0), (np.nan, 0, 0)])
+            return answer([seen, body], [mobee.Located(odd("cup"), odd(position), odd(np.eye(3)))])
+
+    file = ROBOTS.parent / "behaviors/look.toml"
+    for i in range(runs):
+        with tempfile.TemporaryDirectory() as folder:
+            run = mobee.run(file, detectors={"eyes": Eye}, locators={"eyes": Place}, seed=i, for_s=2, out=folder)
+            assert run.check(), run.check().violations
+            outcomes[run.summary["reason"]] += 1
+            outcomes["deaths"] += len(run.errors)
+            outcomes["sighted"] += len(run.journal.of("sighted"))
+    print(f"{runs} runs:", dict(outcomes.most_common()))
+
+
 def drivers(calls: int, seed: int) -> None:
     rng = random.Random(seed)
     robot = mobee.load(ROBOTS / "ur5.xml")
@@ -304,6 +359,8 @@ def drivers(calls: int, seed: int) -> None:
 if __name__ == "__main__":
     if sys.argv[1] == "agents":
         agents(int(sys.argv[2]), int(sys.argv[3]))
+    elif sys.argv[1] == "senses":
+        senses(int(sys.argv[2]), int(sys.argv[3]))
     elif sys.argv[1] == "drivers":
         drivers(int(sys.argv[2]), int(sys.argv[3]))
     else:

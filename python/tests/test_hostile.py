@@ -25,6 +25,13 @@ def test_no_answer_of_an_agent_aborts(tmp_path: Path) -> None:
     assert f"{RUNS} runs" in done.stdout
 
 
+def test_no_answer_of_a_detector_aborts(tmp_path: Path) -> None:
+    program = Path(__file__).with_name("fuzz.py")
+    done = subprocess.run([sys.executable, str(program), "senses", "20", "1"], capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, f"{done.returncode}: {done.stderr[-2000:]}"
+    assert "20 runs" in done.stdout and "deaths" in done.stdout and "sighted" in done.stdout
+
+
 def test_no_driver_aborts(tmp_path: Path) -> None:
     program = Path(__file__).with_name("fuzz.py")
     done = subprocess.run([sys.executable, str(program), "drivers", "3000", "1"], capture_output=True, text=True, cwd=tmp_path)

@@ -11,6 +11,7 @@ mod trajectory;
 mod validate;
 mod view;
 
+pub use improve::{ImproveSettings, improve};
 pub(crate) use path::{positive, share};
 pub(crate) use trajectory::{Speeds, Trajectory};
 

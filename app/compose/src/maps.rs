@@ -3,6 +3,7 @@
 mod cached;
 mod settings;
 
+pub use cached::built;
 pub use settings::{read as read_settings, read_table};
 
 use crate::config::{Complaints, ConfigError, Source};

@@ -1,4 +1,4 @@
-"""Robot models, kinematics, collision queries, certified edges, and runs with agents and drivers in Python.
+"""Robot models, kinematics, collision queries, certified edges, and runs with agents, detectors and drivers in Python.
 
     import mobee
 
@@ -39,10 +39,12 @@ from ._native import (
     Mesh,
     NoPlan,
     Plan,
+    Roadmap,
     Robot,
     Scene,
     Shape,
     Sphere,
+    Trajectory,
     Unproved,
     View,
     World,
@@ -50,39 +52,50 @@ from ._native import (
     load,
 )
 from ._run import Event, Journal, MobeeWarning, Run, Verdict, Violation, replay, run
+from ._sense import Body, Detector, Frame, Intrinsics, Located, Locator, Region, Sighting
 from ._sweep import sweep
 
 __all__ = [
     "Agent",
     "Axis",
     "Blocked",
+    "Body",
     "Box",
     "Capsule",
     "Chunk",
     "Contact",
     "Cylinder",
+    "Detector",
     "Done",
     "Driver",
     "Event",
     "Follow",
+    "Frame",
     "Free",
     "Hull",
     "Ik",
+    "Intrinsics",
     "Journal",
+    "Located",
+    "Locator",
     "Mesh",
     "MobeeError",
     "MobeeWarning",
     "MoveTo",
     "NoPlan",
     "Plan",
+    "Region",
+    "Roadmap",
     "Robot",
     "Run",
     "Sample",
     "Scene",
     "Shape",
+    "Sighting",
     "Sphere",
     "Stop",
     "Stream",
+    "Trajectory",
     "Unproved",
     "Verdict",
     "View",

@@ -26,11 +26,13 @@ __all__ = [
     "Mesh",
     "NoPlan",
     "Plan",
+    "Roadmap",
     "Robot",
     "Scene",
     "Shape",
     "Sphere",
     "Steps",
+    "Trajectory",
     "Unproved",
     "View",
     "World",
@@ -167,7 +169,30 @@ class World:
         quat_xyzw: ArrayLike | None = None,
         quat_wxyz: ArrayLike | None = None,
     ) -> None: ...
+    def attach(
+        self,
+        name: str,
+        link: str,
+        pose: ArrayLike | None = None,
+        *,
+        position: ArrayLike | None = None,
+        quat_xyzw: ArrayLike | None = None,
+        quat_wxyz: ArrayLike | None = None,
+        touch: Sequence[str] = ...,
+        robot: str | None = None,
+    ) -> None: ...
+    def detach(
+        self,
+        name: str,
+        pose: ArrayLike | None = None,
+        *,
+        position: ArrayLike | None = None,
+        quat_xyzw: ArrayLike | None = None,
+        quat_wxyz: ArrayLike | None = None,
+    ) -> None: ...
     def remove(self, name: str) -> None: ...
+    @property
+    def attached(self) -> dict[str, str]: ...
     @property
     def names(self) -> list[str]: ...
     @property
@@ -241,7 +266,24 @@ class Plan:
     def length(self) -> float: ...
     @property
     def evaluations(self) -> int: ...
+    def time_parameterize(
+        self, *, velocity: ArrayLike, acceleration: ArrayLike, jerk: ArrayLike, every: float = 0.01
+    ) -> Trajectory: ...
     def __bool__(self) -> Literal[True]: ...
+
+@final
+class Trajectory:
+    @property
+    def times(self) -> NDArray[np.float64]: ...
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def velocity(self) -> NDArray[np.float64]: ...
+    @property
+    def acceleration(self) -> NDArray[np.float64]: ...
+    @property
+    def duration(self) -> float: ...
+    def __len__(self) -> int: ...
 
 @final
 class NoPlan:
@@ -250,6 +292,46 @@ class NoPlan:
     @property
     def reason(self) -> str: ...
     def __bool__(self) -> Literal[False]: ...
+
+@final
+class Roadmap:
+    def __new__(
+        cls, robot: Robot, q: ArrayLike, *, joints: Sequence[str] | None = None, neighbors: int = 8
+    ) -> Roadmap: ...
+    @staticmethod
+    def load(path: str | PathLike[str], robot: Robot) -> Roadmap: ...
+    @staticmethod
+    def build(
+        settings: str | PathLike[str],
+        *,
+        set: Sequence[str] = ...,
+        progress: Callable[[str, float], object] | None = None,
+    ) -> Roadmap: ...
+    def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None: ...
+    def validate(self, scene: Scene, *, progress: Callable[[str, float], object] | None = None) -> Roadmap: ...
+    def improve(
+        self,
+        scene: Scene,
+        *,
+        pairs: int = 3,
+        budget: int = 5000,
+        grow: int = 0,
+        neighbors: int = 8,
+        prune: bool = False,
+        seed: int = 1,
+        progress: Callable[[str, float], object] | None = None,
+    ) -> Roadmap: ...
+    def path(self, start: int | str, goal: int | str) -> Plan | NoPlan: ...
+    def nearest(self, q: ArrayLike) -> NDArray[np.int64]: ...
+    @property
+    def q(self) -> NDArray[np.float64]: ...
+    @property
+    def edges(self) -> NDArray[np.int64]: ...
+    @property
+    def free(self) -> NDArray[np.bool_] | None: ...
+    @property
+    def clearance(self) -> float | None: ...
+    def __len__(self) -> int: ...
 
 @final
 class Contact:
@@ -336,6 +418,8 @@ def conduct(
     path: PathLike[str],
     agents: dict[str, Any],
     drivers: dict[str, DriverLine],
+    detectors: dict[str, Any],
+    locators: dict[str, Any],
     *,
     set: list[str],
     out: PathLike[str] | None,

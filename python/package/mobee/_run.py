@@ -12,6 +12,7 @@ from ._agent import Agent
 from ._driver import Driver, DriverLike, serving
 from ._error import MobeeError
 from ._native import JournalLines, check_run, conduct, robots_of
+from ._sense import Detector, Locator
 
 # 1 mm of a joint that slides counts as 1 degree of its encoder
 _ENCODER_PER_M = 1000.0 * 0.017453292519943295
@@ -248,6 +249,8 @@ def run(
     | Callable[[], Driver]
     | Mapping[str, Driver | type[Driver] | Callable[[], Driver]]
     | None = None,
+    detectors: Mapping[str, Detector | type[Detector] | Callable[[], Detector]] | None = None,
+    locators: Mapping[str, Locator | type[Locator] | Callable[[], Locator]] | None = None,
     seed: int | None = None,
     clock: Literal["virtual", "real"] | None = None,
     for_s: float | None = None,
@@ -268,6 +271,11 @@ def run(
         The same for several robots. Robots that are not named have the agents of the file.
     driver : Driver, class or function without arguments that makes one, or dict from robot to these
         In place of the file's driver. Needs ``clock="real"``.
+    detectors : dict from camera to Detector, class or function without arguments that makes one
+        In place of the file's detectors. A camera is named ``sensor/camera``; the name of a sensor stands for all its cameras. A class or
+        a function makes one for each camera and life; an object serves all cameras that it is given for.
+    locators : dict from sensor to Locator, class or function without arguments that makes one
+        In place of the file's locators.
     seed : int, optional
         Seed of all randomness; ``view.seed`` follows from it.
     clock : "virtual" or "real", optional
@@ -289,13 +297,14 @@ def run(
     Raises
     ------
     MobeeError
-        code ``config``, ``file``, ``run``, ``type``; nothing has moved then.
+        code ``config``, ``file``, ``run``, ``type``, ``unknown`` (a camera or sensor); nothing has moved then.
     KeyboardInterrupt
         After Ctrl-C, once the robots rest and the journal is closed; a second Ctrl-C stops them at once. Its ``run_folder`` is the
         folder, for ``Run``.
     """
     assignments = _assignments(seed, clock, for_s, set, record)
-    return _conduct(Path(fspath(file)), agent, agents, driver, assignments, out, replay=False)
+    senses = (dict(detectors or {}), dict(locators or {}))
+    return _conduct(Path(fspath(file)), agent, agents, driver, senses, assignments, out, replay=False)
 
 
 def _assignments(seed: Any, clock: Any, for_s: Any, set: Sequence[str], record: bool) -> list[str]:
@@ -317,6 +326,8 @@ def replay(
     *,
     agent: Agent | type[Agent] | Callable[[], Agent] | None = None,
     agents: Mapping[str, Agent | type[Agent] | Callable[[], Agent]] | None = None,
+    detectors: Mapping[str, Detector | type[Detector] | Callable[[], Detector]] | None = None,
+    locators: Mapping[str, Locator | type[Locator] | Callable[[], Locator]] | None = None,
     out: str | PathLike[str] | None = None,
 ) -> Run:
     """Runs a recorded run in virtual time again, and compares every event, as ``mobee replay``.
@@ -325,8 +336,8 @@ def replay(
     ----------
     folder : path
         The run's folder.
-    agent, agents
-        The agents in Python that the run had: the same code.
+    agent, agents, detectors, locators
+        The parts in Python that the run had: the same code.
     out : path, optional
         Folder of the new run; default: ``runs/NAME-replay-TIME``.
 
@@ -335,7 +346,8 @@ def replay(
     Run
         ``equal`` is the number of equal events; ``difference`` the first difference, if there is one.
     """
-    return _conduct(Path(fspath(folder)), agent, agents, None, [], out, replay=True)
+    senses = (dict(detectors or {}), dict(locators or {}))
+    return _conduct(Path(fspath(folder)), agent, agents, None, senses, [], out, replay=True)
 
 
 def _conduct(
@@ -343,6 +355,7 @@ def _conduct(
     agent: _AgentLike | None,
     agents: Mapping[str, _AgentLike] | None,
     driver: DriverLike | Mapping[str, DriverLike] | None,
+    senses: tuple[dict[str, Any], dict[str, Any]],
     assignments: list[str],
     out: str | PathLike[str] | None,
     replay: bool,
@@ -359,7 +372,7 @@ def _conduct(
         drivers = {_only_robot(path, assignments, replay, "driver", "driver={...}"): driver}
     folder_of_run = None if out is None else Path(fspath(out))
     with serving(drivers) as lines:
-        parts = conduct(path, given, lines, set=assignments, out=folder_of_run, replay=replay)
+        parts = conduct(path, given, lines, *senses, set=assignments, out=folder_of_run, replay=replay)
     folder, summary, _, notes, equal, difference = parts
     done = Run(folder)
     done.summary, done.warnings, done.equal, done.difference = json.loads(summary), notes, equal, difference
@@ -368,9 +381,12 @@ def _conduct(
     for event in done.journal.of("warning") if drivers else []:
         if _TRACEBACK in (text := str(event["text"])):
             warnings.warn(f"a driver failed at {event.at:.3f} s: {_last(text)} (its traceback: Run.errors)", MobeeWarning, stacklevel=3)
-    if given:
+    agents_here = {f"{robot}/agent" for robot in given}
+    senses_here = tuple(f"{key}/" for key in (*senses[0], *senses[1]))
+    if agents_here or senses_here:
         for event in done.journal.of("died"):
-            if any(event["actor"] == f"{robot}/agent" for robot in given):
+            actor = str(event["actor"])
+            if actor in agents_here or (actor.startswith(senses_here) and actor.endswith(("/detector", "/locator"))):
                 last = _last(str(event["reason"]))
                 text = f"{event['actor']} died at {event.at:.3f} s: {last} (its traceback: Run.errors)"
                 warnings.warn(text, MobeeWarning, stacklevel=3)

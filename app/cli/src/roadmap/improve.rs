@@ -46,42 +46,87 @@ pub struct ImproveArgs {
 /// If a file can't be read or written, the map is of another robot, or it is empty.
 pub fn command(args: &ImproveArgs) -> Result<String, Report> {
     let (scene, mut file) = args.of.load()?;
-    let robot = robot(&scene)?;
-    let Some(rest) = file.vertices.first().map(|v| v.q_rad.clone().into()) else {
+    if file.vertices.is_empty() {
         return Err(miette!(help = "build one with `mobee roadmap build`", "{} has no poses", args.of.map.display()));
-    };
+    }
     let bar = Steps::new();
     args.of.certify(&mut file, &scene, &bar)?;
-    let mut map = over_free_edges(&file, robot)?;
-    let hand = marker(&file, robot, &map);
-    let shown = |q: &[f64]| at(&scene, hand, q);
-    let space = JointSpace::new(&scene, 0, &[&rest], map.motors(), &[], args.of.clearance());
-    let mut space = space.map_err(|e| miette!("{e}"))?;
+    let settings = ImproveSettings {
+        join: JoinSettings { pairs: usize::from(args.pairs), budget: args.budget, seed: args.seed },
+        grow: args.grow as usize,
+        neighbors: usize::from(args.neighbors),
+        prune: args.prune,
+    };
+    let show = &mut |step: &'static str, share: f64| {
+        if share == 0.0 {
+            bar.step(step);
+        }
+        bar.show(share);
+    };
+    let (mut better, report) = improve(&file, &scene, args.of.clearance(), settings, show)?;
+    args.of.certify(&mut better, &scene, &bar)?;
+    drop(bar);
+    Ok(report + &args.of.save(&better, &scene)?)
+}
 
-    bar.step("joins parts");
-    let settings = JoinSettings { pairs: usize::from(args.pairs), budget: args.budget, seed: args.seed };
-    let planner = RrtConnect::default();
-    let joined = map.join_islands(&mut space, &planner, settings, &rest, &shown, &mut |share| bar.show(share));
+/// What is done to a map.
+#[derive(Clone, Copy, Debug)]
+pub struct ImproveSettings {
+    /// Bounds on joining its parts.
+    pub join: JoinSettings,
+    /// Number of poses to add where it is thin.
+    pub grow: usize,
+    /// Number of vertices that an added pose is joined to.
+    pub neighbors: usize,
+    /// Remove vertices that can't be reached or left, unless they have a name.
+    pub prune: bool,
+}
+
+/// Joins, grows and prunes a map that is certified in this scene; returns it without certificates, and a report.
+///
+/// # Arguments
+/// * `scene`: the map's robot, alone, in the world.
+/// * `clearance`: of new edges, meters.
+/// * `show`: called with the step and the share of it that is done.
+///
+/// # Errors
+/// A map without poses or of another robot, or a scene that can't be compiled.
+pub fn improve(
+    file: &MapFile,
+    scene: &Scene,
+    clearance: f64,
+    settings: ImproveSettings,
+    show: &mut dyn FnMut(&'static str, f64),
+) -> Result<(MapFile, String), Report> {
+    let ImproveSettings { join, grow, neighbors, prune } = settings;
+    let robot = robot(scene)?;
+    let Some(rest) = file.vertices.first().map(|v| v.q_rad.clone().into()) else {
+        return Err(miette!(help = "build one with `mobee roadmap build`", "the map has no poses"));
+    };
+    let mut map = over_free_edges(file, robot)?;
+    let hand = marker(file, robot, &map);
+    let shown = |q: &[f64]| at(scene, hand, q);
+    let space = JointSpace::new(scene, 0, &[&rest], map.motors(), &[], clearance);
+    let mut space = space.map_err(|e| miette!("{e}"))?;
+    show("joins parts", 0.0);
+    let joined = map
+        .join_islands(&mut space, &RrtConnect::default(), join, &rest, &shown, &mut |share| show("joins parts", share));
     let (before, after) = joined.islands;
     let mut report = format!(
         "parts of the map: {before}, now {after}; joined by {} more vertices and {} edges; {} failed plans, {} lines checked\n",
         joined.vertices, joined.edges, joined.in_vain, joined.evaluations
     );
-    if args.grow > 0 {
-        bar.step("grows");
-        let much = (args.grow as usize, usize::from(args.neighbors), args.seed);
-        let grown = map.grow(&mut space, much, &rest, &shown);
+    if grow > 0 {
+        show("grows", 0.0);
+        let grown = map.grow(&mut space, (grow, neighbors, join.seed), &rest, &shown);
         let _ = writeln!(report, "poses added where the map was thin: {grown}");
     }
-    if args.prune {
+    if prune {
         let pruned = map.pruned();
         let _ = writeln!(report, "left out: {} vertices", map.len() - pruned.map.len());
         map = pruned.map;
     }
-    let mut better = map.file(robot);
-    args.of.certify(&mut better, &scene, &bar)?;
-    drop(bar);
-    Ok(report + &args.of.save(&better, &scene)?)
+    Ok((map.file(robot), report))
 }
 
 /// The map, without the edges that are not certified free.

@@ -81,7 +81,7 @@ impl Driven {
 /// a move is done, and whether they honor accelerations: what the file leaves open is drawn.
 fn drawn(settings: &SimSettings, seed: u64) -> SimSettings {
     let mut settings = settings.clone();
-    if settings.profile == ArmProfile::Ideal {
+    if settings.profile == Some(ArmProfile::Ideal) || settings.imitates.is_some() {
         return settings;
     }
     let mut servo = settings.servo.take().unwrap_or_default();
@@ -170,11 +170,11 @@ mod tests {
     #[test]
     fn boards_with_servos_are_drawn_by_the_seed_and_keep_what_the_file_states() {
         let of = |profile, seed| drawn(&SimSettings { profile, ..SimSettings::default() }, seed).servo;
-        assert!((0..20).all(|seed| of(ArmProfile::Ideal, seed).is_none()));
-        let stops: Vec<_> = (0..20).filter_map(|seed| of(ArmProfile::So101, seed)?.stop).collect();
+        assert!((0..20).all(|seed| of(Some(ArmProfile::Ideal), seed).is_none()));
+        let stops: Vec<_> = (0..20).filter_map(|seed| of(Some(ArmProfile::So101), seed)?.stop).collect();
         assert!(stops.len() == 20 && stops.contains(&StopRule::Measured) && stops.contains(&StopRule::Commanded));
         let servo = ServoSettings { stop: Some(StopRule::Commanded), ..ServoSettings::default() };
-        let stated = SimSettings { profile: ArmProfile::So101, servo: Some(servo), ..SimSettings::default() };
+        let stated = SimSettings { profile: Some(ArmProfile::So101), servo: Some(servo), ..SimSettings::default() };
         let stop = |seed| drawn(&stated, seed).servo.and_then(|servo| servo.stop);
         assert!((0..20).all(|seed| stop(seed) == Some(StopRule::Commanded)));
     }

@@ -16,6 +16,7 @@ use mobee_planning::table_map::{Growth, PoseSearch, TableMapPlan};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::io::ErrorKind;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -53,7 +54,8 @@ pub(super) fn of_settings(path: &Path) -> Result<MapFile, Complaints> {
         "building the map of {} (about a minute; it is kept in the cache for the next time)",
         path.display()
     );
-    let text = built(&scene, robot, &plan).map_err(unusable)?.text();
+    let text =
+        built(&scene, robot, &plan, &mut |_| ControlFlow::Continue(())).map_err(|e| unusable(e.to_string()))?.text();
     let map = MapFile::parse(&text).map_err(|e| unusable(e.what))?;
     if let Some(cache_file) = cache_file {
         let head = serde_json::to_string(&Head { inputs, map_sha256: digest(&text) }).unwrap_or_default();
@@ -97,16 +99,32 @@ fn digest(text: &str) -> String {
     Sha256::digest(text).iter().map(|b| format!("{b:02x}")).collect()
 }
 
-fn built(scene: &Scene, robot: &Robot, plan: &Arc<TableMapPlan>) -> Result<MapFile, String> {
-    let mut search = PoseSearch::new(scene, Arc::clone(plan)).map_err(|e| e.to_string())?;
+/// Builds a map.
+///
+/// # Arguments
+/// * `watch`: called with the share that is done; ends the search.
+///
+/// # Errors
+/// A scene that can't be compiled, or a table without any pose.
+pub fn built(
+    scene: &Scene,
+    robot: &Robot,
+    plan: &Arc<TableMapPlan>,
+    watch: &mut dyn FnMut(f64) -> ControlFlow<()>,
+) -> Result<MapFile, ConfigError> {
+    let mut search = PoseSearch::new(scene, Arc::clone(plan))
+        .map_err(|e| ConfigError::plain(e.to_string(), "mend the robot's or the world's file"))?;
     let mut growth = Growth::new(plan, &robot.home());
     while let Some(wish) = growth.next() {
+        if watch(growth.found().len() as f64 / growth.most().max(1) as f64).is_break() {
+            break;
+        }
         let trial = search.search(&growth, &wish);
         let found = trial.q.as_ref().and_then(|q| search.accept(&growth, &wish, q));
         growth.tell(trial.evaluations, found);
     }
     if growth.found().is_empty() {
-        return Err("no pose over the table is found".into());
+        return Err(ConfigError::plain("no pose over the table is found", "check height, offset, hand and palm"));
     }
     Ok(map(&growth, plan, robot, world_digest(scene)))
 }
