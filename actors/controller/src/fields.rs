@@ -39,24 +39,34 @@ pub struct FieldsSettings {
     /// Range of the field about each shape, millimeters; for robots whose files define no field shapes.
     pub field_mm: f64,
     /// Stiffness of the attractor near the target, 1/s^2.
+    #[schemars(extend("expert" = true))]
     pub spring_const: f64,
     /// Maximum pull of the attractor, deg/s^2.
+    #[schemars(extend("expert" = true))]
     pub max_spring_force: f64,
     /// Share of its velocity that a motor always loses, 1/s.
+    #[schemars(extend("expert" = true))]
     pub friction: f64,
     /// Additional damping while something pushes, 1/s.
+    #[schemars(extend("expert" = true))]
     pub damping_const: f64,
     /// Distance from a limit at which its push begins, deg.
+    #[schemars(extend("expert" = true))]
     pub limit_const: f64,
     /// The push at a limit, deg/s^2.
+    #[schemars(extend("expert" = true))]
     pub max_limit_force: f64,
     /// Maximum push of the constraints, deg/s^2.
+    #[schemars(extend("expert" = true))]
     pub max_constraint_force: f64,
     /// Rate at which a field's push approaches its maximum.
+    #[schemars(extend("expert" = true))]
     pub field_const: f64,
     /// Maximum push of the fields, deg/s^2.
+    #[schemars(extend("expert" = true))]
     pub max_field_force: f64,
     /// Time for which the robot may rest away from its target before the motion is rolled back, s.
+    #[schemars(extend("expert" = true))]
     pub patience_s: f64,
 }
 

@@ -30,6 +30,7 @@ pub struct ControllerSettings {
     /// own value is used ([`Axis::contact_effort`](mobee_contract::Axis::contact_effort)). With zero, torques are not
     /// watched.
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("expert" = true))]
     pub contact_nm: Option<f64>,
     /// Greatest distance per motor at which a configuration counts as reached, degrees.
     #[serde(default = "tolerance")]
@@ -46,6 +47,7 @@ pub struct ControllerSettings {
     /// Time by which a stream of set-points is undone after a stop, seconds: the robot returns to where it was this
     /// long before. With 0 it stops where it is, which is safe only with a braking clearance.
     #[serde(default = "undo")]
+    #[schemars(extend("expert" = true))]
     pub undo_s: f64,
     /// Age at which a reading is stale, and the length of a lease, seconds. The default is five control periods.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -103,8 +103,11 @@ enum Command {
     },
     /// List the kinds of agents, bridges, controllers, drivers and sensors, with their settings.
     Kinds {
-        /// Show this kind in full.
+        /// Show this kind with its settings.
         name: Option<String>,
+        /// Show the settings for experts as well.
+        #[arg(long, requires = "name")]
+        all: bool,
     },
     /// Write a starting file for your own behavior, together with the robot and world that it names; or a crate of your own.
     New(NewArgs),
@@ -378,8 +381,8 @@ fn dispatch(command: Command) -> Result<ExitCode, Report> {
         Command::Torture(args) => torture::command(&args),
         Command::Plan(args) => plan::command(&args),
         Command::Bench { command } => bench::command(&command),
-        Command::Kinds { name } => {
-            terminal::out(&kinds::listing(name.as_deref())?);
+        Command::Kinds { name, all } => {
+            terminal::out(&kinds::listing(name.as_deref(), all)?);
             Ok(ExitCode::SUCCESS)
         }
         Command::New(args) => write_new(args),

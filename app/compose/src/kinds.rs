@@ -43,11 +43,14 @@ pub fn defaults(role: &str, name: &str) -> Vec<(String, Value)> {
     properties.into_iter().flatten().filter_map(default).collect()
 }
 
-/// The listing: all kinds in a line each, or one kind in full.
+/// The listing: all kinds in a line each, or one kind with its settings.
+///
+/// # Arguments
+/// * `expert`: with the settings that are marked in the schema (`"expert": true`): those that few users need.
 ///
 /// # Errors
 /// If there is no kind of that name.
-pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
+pub fn listing(name: Option<&str>, expert: bool) -> Result<String, ConfigError> {
     let all = entries();
     let mut out = String::new();
     let Some(name) = name else {
@@ -73,15 +76,24 @@ pub fn listing(name: Option<&str>) -> Result<String, ConfigError> {
     for (i, e) in found.into_iter().enumerate() {
         let gap = if i > 0 { "\n" } else { "" };
         let _ = writeln!(out, "{gap}{} ({})\n\n{}\n\nsettings", e.name, e.role, e.doc.trim());
-        rows(&mut out, &e.schema, &e.schema, 2);
+        let hidden = rows(&mut out, (&e.schema, expert), &e.schema, 2);
+        if !hidden.is_empty() {
+            let _ = writeln!(out, "\nfor experts: {}; `mobee kinds {} --all` shows them", hidden.join(", "), e.name);
+        }
     }
     Ok(out)
 }
 
-/// One line per setting, with those of nested tables indented below.
-fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
+/// One line per setting, with those of nested tables indented below. Returns the names of settings that it leaves out,
+/// for experts.
+fn rows(out: &mut String, (root, expert): (&Value, bool), schema: &Value, indent: usize) -> Vec<String> {
+    let mut hidden = Vec::new();
     let required = |key: &str| schema["required"].as_array().is_some_and(|r| r.iter().any(|k| k == key));
     for (key, s) in schema["properties"].as_object().into_iter().flatten().filter(|(key, _)| *key != "kind") {
+        if !expert && s["expert"] == true {
+            hidden.push(key.clone());
+            continue;
+        }
         let default = match s.get("default") {
             _ if required(key) => "required".to_owned(),
             Some(d) if !d.is_null() => format!("default {d}"),
@@ -96,9 +108,10 @@ fn rows(out: &mut String, root: &Value, schema: &Value, indent: usize) {
         if indent < 8
             && let Some(table) = [inner].into_iter().chain(element).find(|t| t["properties"].is_object())
         {
-            rows(out, root, table, indent + 2);
+            hidden.extend(rows(out, (root, expert), table, indent + 2));
         }
     }
+    hidden
 }
 
 /// Follows a link, or takes the type of an optional value.
@@ -136,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_role_has_a_heading_once_it_has_a_kind() {
-        let listed = listing(None).expect("all of them");
+        let listed = listing(None, false).expect("all of them");
         let schema = crate::schema::text();
         let roles = [
             (<dyn Camera>::NAME, kinds::<dyn Camera>().is_empty()),
@@ -147,6 +160,26 @@ mod tests {
         for (role, empty) in roles {
             assert_eq!(listed.lines().any(|line| line == format!("{role}s")), !empty, "{listed}");
             assert_eq!(schema.contains(&format!("\"{role}_")), !empty, "{role}");
+        }
+    }
+
+    #[test]
+    fn settings_for_experts_are_named_and_shown_on_request() {
+        let basic = listing(Some("sim"), false).expect("a kind");
+        let all = listing(Some("sim"), true).expect("a kind");
+        let line = |text: &str, key: &str| text.lines().any(|line| line.trim_start().starts_with(&format!("{key} ")));
+        assert!(line(&basic, "profile") && !line(&basic, "jitter_ms"), "{basic}");
+        assert!(basic.contains("for experts: ") && basic.contains("jitter_ms"), "{basic}");
+        assert!(line(&all, "jitter_ms") && line(&all, "stiffness_nm_per_rad") && !all.contains("for experts"), "{all}");
+    }
+
+    /// A setting that a file must have can't be one for experts.
+    #[test]
+    fn required_settings_are_basic() {
+        for e in entries() {
+            let required = e.schema["required"].as_array().into_iter().flatten().filter_map(Value::as_str);
+            let hidden: Vec<&str> = required.filter(|key| e.schema["properties"][*key]["expert"] == true).collect();
+            assert!(hidden.is_empty(), "{} {}: {hidden:?}", e.role, e.name);
         }
     }
 }

@@ -31,6 +31,7 @@ pub struct ExplorerSettings {
     pub vertices: usize,
     /// Number of nearest poses that each pose is joined to, in both directions.
     #[serde(default = "ten")]
+    #[schemars(extend("expert" = true))]
     pub neighbors: usize,
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
@@ -41,6 +42,7 @@ pub struct ExplorerSettings {
     /// Maximum number of random poses drawn. Poses that collide or violate a constraint are
     /// discarded.
     #[serde(default = "many")]
+    #[schemars(extend("expert" = true))]
     pub samples: usize,
     /// Validation of edges: `optimistic` tries them without a check, `lazy` certifies them in the
     /// model before they are driven, `verified` before they are used in a plan.
@@ -50,17 +52,21 @@ pub struct ExplorerSettings {
     /// planner (RRT-Connect and shortcuts, certified in the model), once no other edge is left to
     /// try.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub join: bool,
     /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub seed: Option<u64>,
     /// Maximum distance of every motor from a pose of the roadmap for the robot to count as at that
     /// pose, degrees.
     #[serde(default = "half")]
+    #[schemars(extend("expert" = true))]
     pub tolerance_deg: f64,
     /// Marker that represents each pose in drawings of the roadmap; default: the marker that most of the
     /// motors move.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub hand: Option<String>,
 }
 

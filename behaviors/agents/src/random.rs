@@ -36,6 +36,7 @@ pub struct RandomSettings {
     pub checked: bool,
     /// Seed of the moves; default: derived from the run's seed.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub seed: Option<u64>,
 }
 

@@ -26,9 +26,11 @@ pub struct RoadmapSettings {
     pub poses: Vec<NamedPose>,
     /// Pairs of poses to join, in both directions, such as `[["a", "b"], ["b", "c"]]`.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub edges: Vec<[String; 2]>,
     /// Number of nearest poses that every pose is joined to, in addition to `edges`.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub neighbors: usize,
     /// Roadmap to start from: a map file, as `mobee roadmap build` or a run wrote it, or its JSON.
     /// Goals and edges refer to its poses by name or number.
@@ -56,14 +58,17 @@ pub struct RoadmapSettings {
     /// Join parts of the map that can't be reached from the robot's position to the rest by a
     /// planner (RRT-Connect and shortcuts, certified in the model), if no path leads to a goal.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub join: bool,
     /// Maximum distance of every motor from a pose of the roadmap for the robot to count as at that
     /// pose, degrees.
     #[serde(default = "half")]
+    #[schemars(extend("expert" = true))]
     pub tolerance_deg: f64,
     /// Marker that represents each pose in drawings of the roadmap; default: the marker that most of the
     /// motors move.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub hand: Option<String>,
 }
 

@@ -27,6 +27,7 @@ pub struct FeetechSettings {
     pub port: String,
     /// Baud rate of the bus.
     #[serde(default = "baud")]
+    #[schemars(extend("expert" = true))]
     pub baud: u32,
     /// The calibration that LeRobot made for this arm, a JSON file, relative to the configuration file: ids, ranges and middles of all
     /// motors.
@@ -38,12 +39,15 @@ pub struct FeetechSettings {
     pub motors: Vec<BusMotorSettings>,
     /// Longest time for the answers to one request, ms.
     #[serde(default = "timeout_ms")]
+    #[schemars(extend("expert" = true))]
     pub timeout_ms: f64,
     /// Maximum known time from a command to its effect, ms.
     #[serde(default = "latency_ms")]
+    #[schemars(extend("expert" = true))]
     pub latency_ms: f64,
     /// Longest wait for the arm at the start, s.
     #[serde(default = "connect_s")]
+    #[schemars(extend("expert" = true))]
     pub connect_s: f64,
     /// Maximum speed of every motor, deg/s.
     #[serde(default = "max_speed")]
@@ -53,15 +57,19 @@ pub struct FeetechSettings {
     pub max_acceleration_deg_per_s2: f64,
     /// By how much a goal may be ahead of the measured position, deg: a motion that something blocks pushes no harder than this.
     #[serde(default = "lead")]
+    #[schemars(extend("expert" = true))]
     pub lead_deg: f64,
     /// By how much a joint may rest beside its goal under weight, deg.
     #[serde(default = "hold_error")]
+    #[schemars(extend("expert" = true))]
     pub hold_error_deg: f64,
     /// Torque of a servo at full load, N m: 1.9 at 7.4 V, 2.9 at 12 V.
     #[serde(default = "torque")]
+    #[schemars(extend("expert" = true))]
     pub torque_nm: f64,
     /// The share of full load from which on something pushes the arm.
     #[serde(default = "contact_load")]
+    #[schemars(extend("expert" = true))]
     pub contact_load: f64,
     /// Releases the torque at the end of a run if the arm rests at `rest_deg`; otherwise the servos hold.
     #[serde(default)]

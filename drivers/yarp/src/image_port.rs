@@ -29,21 +29,25 @@ pub struct YarpCameraSettings {
     pub size: [u32; 2],
     /// Projection of the camera.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub lens: LensSettings,
     /// Greatest number of images per second: the rate at which the camera is polled.
     #[serde(default = "fps")]
     pub fps: f64,
     /// Time from an image's exposure to its arrival, ms.
     #[serde(default = "delay_ms")]
+    #[schemars(extend("expert" = true))]
     pub delay_ms: f64,
     /// Address of the name server, `HOST:PORT`. Default: from YARP's own files and environment.
     #[serde(default)]
     pub server: Option<String>,
     /// Name of our own port; default: `/MoBeE/ROBOT` before the camera's.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub name: Option<String>,
     /// Address of this machine on which our port listens; default: 127.0.0.1, for this machine only.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub listen: Option<String>,
     /// Marker of the robot's model that the camera is attached to, looking along its normal. Used by the
     /// recording only; locators ignore it.
@@ -51,6 +55,7 @@ pub struct YarpCameraSettings {
     pub marker: Option<String>,
     /// Carrier of the images: `tcp` (the sender skips images while one is in transit), `fast_tcp` or `udp`.
     #[serde(default = "carrier")]
+    #[schemars(extend("expert" = true))]
     pub carrier: String,
 }
 

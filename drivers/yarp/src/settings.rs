@@ -17,31 +17,39 @@ pub struct YarpDriverSettings {
     pub server: Option<String>,
     /// Prefix of our own port names; default: `/MoBeE/ROBOT/driver`.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub name: Option<String>,
     /// Address of this machine on which our ports listen; default: 127.0.0.1, for this machine only. YARP has
     /// no encryption: anyone who can reach these ports can send wrong states.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub listen: Option<String>,
     /// Carrier of states and streamed commands: `fast_tcp`, `tcp` or `udp`.
     #[serde(default = "carrier")]
+    #[schemars(extend("expert" = true))]
     pub carrier: String,
     /// Dialect of the robot's network: `3.x` (all iCub software so far) or `4.x`.
     #[serde(default = "dialect")]
     pub dialect: String,
     /// Time between two states of a board, ms.
     #[serde(default = "period_ms")]
+    #[schemars(extend("expert" = true))]
     pub period_ms: f64,
     /// Upper bound of the time from a command to its effect, including the network, ms.
     #[serde(default = "latency_ms")]
+    #[schemars(extend("expert" = true))]
     pub latency_ms: f64,
     /// A board whose state is older than this is stale, ms.
     #[serde(default = "stale_ms")]
+    #[schemars(extend("expert" = true))]
     pub stale_ms: f64,
     /// Time limit of an answer, ms.
     #[serde(default = "timeout_ms")]
+    #[schemars(extend("expert" = true))]
     pub timeout_ms: f64,
     /// Time limit for reaching all boards at the start, s.
     #[serde(default = "connect_s")]
+    #[schemars(extend("expert" = true))]
     pub connect_s: f64,
     /// Maximum speed of every motor, deg/s, unless the board allows less.
     #[serde(default = "max_speed")]
@@ -53,20 +61,24 @@ pub struct YarpDriverSettings {
     /// compensates, deg: the greatest load over the stiffness of its servo. Prismatic joints are assumed to
     /// have none. 0: the boards bring joints to their targets, as an integral term does.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub hold_error_deg: f64,
     /// Greatest distance by which a push moves a joint from its commanded position, deg: the greatest torque over
     /// the stiffness of its servo. Joints that no command names but a contact has bent then join the retreat.
     /// Prismatic joints are assumed not to give way. 0: the joints do not give way, or it is unknown.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub deflection_deg: f64,
     /// Resolution of the encoders, deg or mm: one count, or four standard deviations of their noise. Default:
     /// estimated from the states at the connection, which can't detect a coarse encoder that rests on one
     /// count (a turn of 4,096 counts: 0.088).
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub resolution_deg: Option<f64>,
     /// True if the boards accept position-direct setpoints. The retreat streams them; otherwise it uses a
     /// reduced set of waypoints.
     #[serde(default = "yes")]
+    #[schemars(extend("expert" = true))]
     pub position_direct: bool,
     /// Method of moves: `position` sends the boards targets and reference speeds; `set-points` streams a
     /// trajectory of our own, for boards that do not honor reference speeds, such as iCub_SIM's.

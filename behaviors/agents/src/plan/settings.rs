@@ -31,6 +31,7 @@ pub struct PlanSettings {
     pub speed: f64,
     /// Maximum distance of every motor from a pose for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
+    #[schemars(extend("expert" = true))]
     pub tolerance_deg: f64,
     /// Pairs `A:B` that may touch in plans, such as the gripper and the object to be picked: names of links, parts and
     /// markers of the robot, of objects, and of other robots. The reflex monitors these pairs as before.
@@ -38,6 +39,7 @@ pub struct PlanSettings {
     pub may_touch: Vec<String>,
     /// Clearances of pairs `A:B` in plans where they are lower than that of all others, mm.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub pair_clearance_mm: BTreeMap<String, f64>,
     /// Planner: `rrt_connect` stops at the first path; `aorrtc` also searches for shorter ones, for 2,000 random configurations or as long as
     /// half of the budget lasts.
@@ -45,17 +47,21 @@ pub struct PlanSettings {
     pub planner: PlannerKind,
     /// Maximum number of straight lines between two poses that the planner may check for one plan.
     #[serde(default = "budget")]
+    #[schemars(extend("expert" = true))]
     pub budget: u64,
     /// Maximum number of poses in the map, the named ones included. Once it is full, a new waypoint
     /// replaces the least recently used one.
     #[serde(default = "vertices")]
+    #[schemars(extend("expert" = true))]
     pub vertices: usize,
     /// Seed of the plans; default: derived from the run's seed.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub seed: Option<u64>,
     /// Marker that represents each pose in drawings of the plans; default: the marker that most of the
     /// motors move.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub hand: Option<String>,
 }
 

@@ -33,6 +33,7 @@ pub struct ReachSettings {
     pub hand: Option<OneOrMore>,
     /// Direction out of the palm, in each marker's frame; default: the marker's normal.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub palm: Option<[f64; 3]>,
     /// Direction of the palm in the pre-grasp and grasp postures, world frame.
     #[serde(default = "down")]
@@ -63,6 +64,7 @@ pub struct ReachSettings {
     pub follow: bool,
     /// Displacement of the object since the hand set out that causes a new choice of postures, mm.
     #[serde(default = "moved")]
+    #[schemars(extend("expert" = true))]
     pub moved_mm: f64,
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "tenth")]
@@ -71,16 +73,20 @@ pub struct ReachSettings {
     /// model before they are driven, `verified` before they are used in a plan. The last line to
     /// the pre-grasp posture, and the line from there to the grasp, are always certified.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub validation: Validation,
     /// Maximum number of straight lines between two poses that a planner may check if no path of
     /// the map leads to a goal.
     #[serde(default = "budget")]
+    #[schemars(extend("expert" = true))]
     pub budget: u64,
     /// Maximum distance of every motor from a pose for the robot to count as at that pose, degrees.
     #[serde(default = "half")]
+    #[schemars(extend("expert" = true))]
     pub tolerance_deg: f64,
     /// Seed of all randomness; default: derived from the run's seed.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub seed: Option<u64>,
 }
 
@@ -118,9 +124,11 @@ pub struct GazeSettings {
     /// Poses of the search while the object is not detected, in degrees; default: gaze targets
     /// around its estimated position.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub sweep_deg: Vec<BTreeMap<String, f64>>,
     /// Time to look at a gaze target before the eyes are turned to the next, seconds.
     #[serde(default = "half")]
+    #[schemars(extend("expert" = true))]
     pub dwell_s: f64,
     /// Share of each motor's maximum speed, above 0 and up to 1.
     #[serde(default = "fifth")]

@@ -21,16 +21,20 @@ pub struct LearnedLocatorSettings {
     pub file: PathBuf,
     /// Name of the left camera; default: the camera with a name that ends in `left`.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub left: Option<String>,
     /// Name of the right camera; default: the camera with a name that ends in `right`.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub right: Option<String>,
     /// The nine motors of torso and head, in the order torso pitch, roll and yaw, neck pitch, roll
     /// and yaw, eyes' tilt, version and vergence; default: their names in the supplied iCub.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub motors: Option<[String; 9]>,
     /// Combine the views of an object that rests; default: true.
     #[serde(default = "yes")]
+    #[schemars(extend("expert" = true))]
     pub track: bool,
     /// Support plane of the objects, such as a table; default: none.
     #[serde(default)]

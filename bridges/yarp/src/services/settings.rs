@@ -21,12 +21,14 @@ pub struct YarpSettings {
     /// `127.0.0.1:10000` if they give none.
     pub name_server: Option<SocketAddr>,
     /// True to start a name server in this process, at that address, if none answers there.
+    #[schemars(extend("expert" = true))]
     pub start_name_server: bool,
     /// True if ports may be reached from other computers. YARP has neither passwords nor encryption: anyone
     /// who can reach a port can move the robot.
     pub allow_open_network: bool,
     /// True if an open network may do without the key of `auth.conf`, with which programs authenticate each
     /// connection: then anyone who can reach the ports can move the robot.
+    #[schemars(extend("expert" = true))]
     pub without_auth: bool,
     /// YARP dialect: `3` or `4`. The two can't be distinguished on the wire.
     pub dialect: u8,
@@ -38,6 +40,7 @@ pub struct YarpSettings {
     /// arrive.
     pub speed: f64,
     /// Time between two messages of the state ports, ms.
+    #[schemars(extend("expert" = true))]
     pub period_ms: f64,
     /// Robots whose boards have other names, or only some of the parts; keyed by the robot's name in the run.
     pub robots: BTreeMap<String, RobotPorts>,
@@ -45,10 +48,12 @@ pub struct YarpSettings {
     pub world: bool,
     /// Folder for the world RPC's `save` and `load`. Without it both are refused.
     #[schemars(extend("format" = "folder"))]
+    #[schemars(extend("expert" = true))]
     pub save_folder: Option<PathBuf>,
     /// True to open the ports of the parts (`/MoBeE/right_arm/rpc` and so on) and of the robots.
     pub parts: bool,
     /// Force-field controllers, by the name of the part. A part without one serves no `cmd:i`.
+    #[schemars(extend("expert" = true))]
     pub force_field: BTreeMap<String, ForceFieldSettings>,
 }
 

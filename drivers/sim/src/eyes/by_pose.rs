@@ -23,9 +23,11 @@ pub struct PoseLocatorSettings {
     pub objects: Vec<ObjectPlace>,
     /// Standard deviation of a camera's position, mm.
     #[serde(default = "place_mm")]
+    #[schemars(extend("expert" = true))]
     pub place_mm: f64,
     /// Standard deviation of its viewing direction, deg.
     #[serde(default = "look_deg")]
+    #[schemars(extend("expert" = true))]
     pub look_deg: f64,
 }
 

@@ -25,15 +25,18 @@ pub struct SimulatedCameraSettings {
     pub size: [u32; 2],
     /// Projection of the camera.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub lens: LensSettings,
     /// Images per second.
     #[serde(default = "fps")]
     pub fps: f64,
     /// Exposure time, ms, which determines the motion blur.
     #[serde(default = "exposure_ms")]
+    #[schemars(extend("expert" = true))]
     pub exposure_ms: f64,
     /// Standard deviation of the noise of each color of each pixel, of 255.
     #[serde(default = "noise")]
+    #[schemars(extend("expert" = true))]
     pub noise: f64,
     /// Loss of light in the corners relative to the center, 0 to 1.
     #[serde(default = "vignetting")]
@@ -46,6 +49,7 @@ pub struct SimulatedCameraSettings {
     pub soft: bool,
     /// Surroundings of robots and objects.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub scenery: ScenerySettings,
 }
 

@@ -64,6 +64,7 @@ pub struct SimSettings {
     /// Robot to imitate, such as `iCub_SIM`; its measured behavior replaces `move_profile` and the model's
     /// limits.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("expert" = true))]
     pub imitates: Option<Imitated>,
     /// Kind of arm: `ideal` (kinematic joints), or `arm` (generic), `icub`, `panda`, `ur5`, `so101` with
     /// servos, weight and elastic contact. Default: the profile of the robot's name, or `arm`; with `imitates`,
@@ -75,11 +76,13 @@ pub struct SimSettings {
     pub physics: Physics,
     /// Deviations of servos, weight and board from the profile.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("expert" = true))]
     pub servo: Option<ServoSettings>,
     /// Boxes that the simulated arm can touch but the model does not contain; not with kinematic joints.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unknown: Vec<UnknownBox>,
     /// Shape of position moves: `minimum_jerk`, `trapezoidal` or `gain`.
+    #[schemars(extend("expert" = true))]
     pub move_profile: Profile,
     /// Maximum speed of every motor, deg/s. A lower `maxSpeed` of a motor in the robot file has priority.
     pub max_speed_deg_per_s: f64,
@@ -87,17 +90,22 @@ pub struct SimSettings {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_acceleration_deg_per_s2: Option<f64>,
     /// Time from a command to its effect, ms.
+    #[schemars(extend("expert" = true))]
     pub latency_ms: f64,
     /// Encoder readings per second.
+    #[schemars(extend("expert" = true))]
     pub rate_hz: f64,
     /// Resolution of the encoders, deg; 0: unlimited. Default: 0.01, or the profile's.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("expert" = true))]
     pub resolution_deg: Option<f64>,
     /// Standard deviation of the encoder noise, deg; the error of a reading is limited to 3.5 times this.
     /// Default: 0.005, or the profile's.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("expert" = true))]
     pub noise_deg: Option<f64>,
     /// Maximum deviation of a reading's time from its period, ms.
+    #[schemars(extend("expert" = true))]
     pub jitter_ms: f64,
     /// Start positions of motors by name, in encoder degrees; other motors start at home.
     pub start_deg: BTreeMap<String, f64>,

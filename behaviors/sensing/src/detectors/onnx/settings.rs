@@ -25,6 +25,7 @@ pub struct OnnxDetectorSettings {
     pub threshold: f64,
     /// Resource limits of the network.
     #[serde(default)]
+    #[schemars(extend("expert" = true))]
     pub limits: OnnxLimits,
 }
 

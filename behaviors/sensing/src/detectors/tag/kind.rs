@@ -24,9 +24,11 @@ pub struct TagDetectorSettings {
     pub tags: Vec<TagSettings>,
     /// Maximum number of bits of a tag that may be misread, 0 to 2.
     #[serde(default = "errors")]
+    #[schemars(extend("expert" = true))]
     pub errors: u8,
     /// Minimum decision margin of the bits of a tag, 0 to 255.
     #[serde(default = "margin")]
+    #[schemars(extend("expert" = true))]
     pub margin: f64,
 }
 
