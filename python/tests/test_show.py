@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import socket
 import sys
 from pathlib import Path
 from typing import Any
@@ -137,6 +138,20 @@ def test_what_is_wrong_is_named(scene: mobee.Scene, arguments: Any, code: str, p
     with pytest.raises(mobee.MobeeError) as caught:
         scene.show(**arguments)
     assert caught.value.code == code and str(caught.value.place).startswith(place) and caught.value.remedy
+
+
+def test_a_viewer_that_does_not_start_is_an_error_and_no_wait_without_end(scene: mobee.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mobee import _show
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        monkeypatch.setattr(_show, "_PORT", port)
+        monkeypatch.setattr(rerun, "spawn", lambda **options: None)
+        _show._open_viewer(rerun)
+    monkeypatch.setattr(_show, "_VIEWER_S", 0.2)
+    with pytest.raises(mobee.MobeeError, match="the viewer does not start") as caught:
+        scene.show()
+    assert caught.value.code == "viewer" and "scene.rrd" in caught.value.remedy
 
 
 def test_the_missing_package_is_named(scene: mobee.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
