@@ -120,6 +120,7 @@ def test_a_file_has_the_shapes_the_path_and_the_contacts(scene: mobee.Scene, tmp
         ({"q": np.zeros(4), "path": np.zeros((2, 4))}, "twice", "path"),
         ({"q": np.zeros(5)}, "shape", "q"),
         ({"q": np.zeros((0, 4))}, "shape", "q"),
+        ({"q": np.ma.masked_array(np.zeros(4), mask=[1, 0, 0, 0])}, "dtype", "q"),
         ({"q": np.full(4, np.nan)}, "not_finite", "q"),
         ({"q": np.full(4, 1e3)}, "limits", "q"),
         ({"q": np.zeros((10_001, 4))}, "too_many", "q"),

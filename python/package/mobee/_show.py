@@ -38,7 +38,7 @@ def show(scene: Scene, q: ArrayLike | None, path: ArrayLike | Plan | None, to: A
         timeline, rows = "time", _between(scene, path.path if isinstance(path, Plan) else path)
     else:
         home = np.concatenate([robot.home for robot in scene.robots])
-        timeline, rows = "row", np.atleast_2d(np.asarray(home if q is None else q))
+        timeline, rows = "row", np.atleast_2d(home if q is None else _checked(scene, "q", q))
     if not len(rows):
         raise MobeeError("shape", "q has no configuration", "q", f"give ({scene.dof},) or (N, {scene.dof})")
     if len(rows) > _MOST_ROWS:
@@ -52,14 +52,18 @@ def show(scene: Scene, q: ArrayLike | None, path: ArrayLike | Plan | None, to: A
     return recording
 
 
+def _checked(scene: Scene, what: str, given: ArrayLike) -> _Floats:
+    """Configurations, or the error of those that are none."""
+    try:
+        scene.free(given)
+    except MobeeError as e:
+        raise MobeeError(e.code, e.message, f"{what}{(e.place or '').removeprefix('q')}", e.remedy) from None
+    return np.asarray(given, dtype=np.float64)
+
+
 def _between(scene: Scene, path: ArrayLike) -> _Floats:
     """Configurations on the edges of a path, so near to each other as pictures are."""
-    try:
-        # refuses what is no configuration
-        scene.free(path)
-    except MobeeError as e:
-        raise MobeeError(e.code, e.message, f"path{(e.place or '').removeprefix('q')}", e.remedy) from None
-    corners = np.asarray(path, dtype=np.float64)
+    corners = _checked(scene, "path", path)
     if corners.ndim != 2 or len(corners) < 1:
         raise MobeeError("shape", f"path has shape {corners.shape}", "path", f"give (N, {scene.dof}): configurations one after the other")
     rows: list[_Floats] = [corners[:1]]
