@@ -20,7 +20,7 @@ import numpy as np
 
 import mobee
 import mobee.conformance
-from mobee._native import DriverLine, keep_promise
+from mobee._native import DriverLine, keep_promise, shape_poses, shapes_of
 
 ROBOTS = Path(__file__).parents[2] / "configs/robots"
 EXPECTED = (mobee.MobeeError, TypeError, OverflowError)
@@ -162,6 +162,8 @@ def main(calls: int, seed: int) -> None:
             (scene.contacts, "q", dict(within="number")),
             (scene.edge, "q q", {}),
             (scene.plan, "q q", dict(seed="number")),
+            (shape_poses, "scene q", {}),
+            (shapes_of, "scene", {}),
             (robot.fk, "q frame", {}),
             (robot.jacobian, "q frame", {}),
             (robot.ik, "q frame", dict(seed="q", scene="scene", position_tolerance="number", random_seed="number")),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import socket
 import sys
 from pathlib import Path
 from typing import Any
@@ -119,6 +120,7 @@ def test_a_file_has_the_shapes_the_path_and_the_contacts(scene: mobee.Scene, tmp
         ({"q": np.zeros(4), "path": np.zeros((2, 4))}, "twice", "path"),
         ({"q": np.zeros(5)}, "shape", "q"),
         ({"q": np.zeros((0, 4))}, "shape", "q"),
+        ({"q": np.ma.masked_array(np.zeros(4), mask=[1, 0, 0, 0])}, "dtype", "q"),
         ({"q": np.full(4, np.nan)}, "not_finite", "q"),
         ({"q": np.full(4, 1e3)}, "limits", "q"),
         ({"q": np.zeros((10_001, 4))}, "too_many", "q"),
@@ -137,6 +139,20 @@ def test_what_is_wrong_is_named(scene: mobee.Scene, arguments: Any, code: str, p
     with pytest.raises(mobee.MobeeError) as caught:
         scene.show(**arguments)
     assert caught.value.code == code and str(caught.value.place).startswith(place) and caught.value.remedy
+
+
+def test_a_viewer_that_does_not_start_is_an_error_and_no_wait_without_end(scene: mobee.Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mobee import _show
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        monkeypatch.setattr(_show, "_PORT", port)
+        monkeypatch.setattr(rerun, "spawn", lambda **options: None)
+        _show._open_viewer(rerun)
+    monkeypatch.setattr(_show, "_VIEWER_S", 0.2)
+    with pytest.raises(mobee.MobeeError, match="the viewer does not start") as caught:
+        scene.show()
+    assert caught.value.code == "viewer" and "scene.rrd" in caught.value.remedy
 
 
 def test_the_missing_package_is_named(scene: mobee.Scene, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -226,6 +226,7 @@ def run(seed: int) -> dict[str, Any]:
     return {"hash": run.hash, "holds": bool(run.check())}
 
 
+@pytest.mark.filterwarnings("ignore::mobee.MobeeWarning")
 def test_runs_in_threads_equal_runs_in_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tables = []
     for backend in ("threads", "processes"):
@@ -234,3 +235,15 @@ def test_runs_in_threads_equal_runs_in_processes(tmp_path: Path, monkeypatch: py
         assert all(row["ok"] and row["holds"] for row in rows), rows
         tables.append([row["hash"] for row in rows])
     assert tables[0] == tables[1] and len(set(tables[0])) == 3
+
+
+def test_the_example_judges_runs_and_goes_on(tmp_path: Path) -> None:
+    example = Path(__file__).parents[1] / "examples/a_sweep_of_seeds.py"
+    outs = []
+    for seeds in ("2", "3"):
+        command = [sys.executable, "-W", "ignore", str(example), str(TORTURE), seeds, "3"]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, done.stdout + done.stderr
+        outs.append(done.stdout)
+    assert "2 of 2 runs ended in order, 0 with violations" in outs[0] and "3 of 3" in outs[1]
+    assert len((tmp_path / "torture-sweep.jsonl").read_text().splitlines()) == 4

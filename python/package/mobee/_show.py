@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import importlib
+import socket
 import sys
+import time
 from collections.abc import Callable
 from os import PathLike, fspath
 from pathlib import Path
@@ -18,6 +20,9 @@ _Floats = NDArray[np.float64]
 _MOST_ROWS = 10_000
 # between two pictures of a path, s: the fastest joint moves at 1 rad or m per second
 _PERIOD = 0.02
+# of the viewer, and its time to start, s
+_PORT = 9876
+_VIEWER_S = 15.0
 _ROBOTS = ((0x87, 0x96, 0xAE), (0xE8, 0xDC, 0xC2), (0x5B, 0x9B, 0xD0), (0x5C, 0xB8, 0xA0))
 _OBSTACLE = (0xB8, 0xA0, 0x80)
 _NEAR = (0xF0, 0x32, 0x2D)
@@ -33,7 +38,7 @@ def show(scene: Scene, q: ArrayLike | None, path: ArrayLike | Plan | None, to: A
         timeline, rows = "time", _between(scene, path.path if isinstance(path, Plan) else path)
     else:
         home = np.concatenate([robot.home for robot in scene.robots])
-        timeline, rows = "row", np.atleast_2d(np.asarray(home if q is None else q))
+        timeline, rows = "row", np.atleast_2d(home if q is None else _checked(scene, "q", q))
     if not len(rows):
         raise MobeeError("shape", "q has no configuration", "q", f"give ({scene.dof},) or (N, {scene.dof})")
     if len(rows) > _MOST_ROWS:
@@ -47,14 +52,18 @@ def show(scene: Scene, q: ArrayLike | None, path: ArrayLike | Plan | None, to: A
     return recording
 
 
+def _checked(scene: Scene, what: str, given: ArrayLike) -> _Floats:
+    """Configurations, or the error of those that are none."""
+    try:
+        scene.free(given)
+    except MobeeError as e:
+        raise MobeeError(e.code, e.message, f"{what}{(e.place or '').removeprefix('q')}", e.remedy) from None
+    return np.asarray(given, dtype=np.float64)
+
+
 def _between(scene: Scene, path: ArrayLike) -> _Floats:
     """Configurations on the edges of a path, so near to each other as pictures are."""
-    try:
-        # refuses what is no configuration
-        scene.free(path)
-    except MobeeError as e:
-        raise MobeeError(e.code, e.message, f"path{(e.place or '').removeprefix('q')}", e.remedy) from None
-    corners = np.asarray(path, dtype=np.float64)
+    corners = _checked(scene, "path", path)
     if corners.ndim != 2 or len(corners) < 1:
         raise MobeeError("shape", f"path has shape {corners.shape}", "path", f"give (N, {scene.dof}): configurations one after the other")
     rows: list[_Floats] = [corners[:1]]
@@ -83,10 +92,8 @@ def _recording(to: Any, name: str) -> tuple[Any, Callable[[], object]]:
     if to is None:
         to = "notebook" if _in_notebook() else "viewer"
     if to == "viewer":
-        try:
-            rerun.spawn(recording=recording)
-        except (RuntimeError, OSError) as e:
-            raise MobeeError("viewer", f"the viewer does not start: {e}", "to", 'give a file, to="scene.rrd", and open it elsewhere') from None
+        _open_viewer(rerun)
+        recording.connect_grpc()
         return recording, recording.flush
     if to == "notebook":
         return recording, lambda: _in_cell(rerun, recording)
@@ -101,6 +108,24 @@ def _recording(to: Any, name: str) -> tuple[Any, Callable[[], object]]:
         raise MobeeError("file", f"it can't be written: {e.strerror}", str(file), "give a file in a folder that exists") from None
     recording.save(file)
     return recording, recording.flush
+
+
+def _open_viewer(rerun: Any) -> None:
+    """Starts the viewer, unless one is open. A recording that is connected to none would wait for it without end."""
+    remedy = 'give a file, to="scene.rrd", and open it where there is a display'
+    try:
+        rerun.spawn(port=_PORT, connect=False)
+    except (RuntimeError, OSError) as e:
+        raise MobeeError("viewer", f"the viewer does not start: {e}", "to", remedy) from None
+    until = time.monotonic() + _VIEWER_S
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", _PORT), timeout=1.0).close()
+            return
+        except OSError as e:
+            if time.monotonic() > until:
+                raise MobeeError("viewer", f"the viewer does not start: {e}", "to", remedy) from None
+        time.sleep(0.1)
 
 
 def _in_cell(rerun: Any, recording: Any) -> None:

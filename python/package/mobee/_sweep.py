@@ -60,7 +60,8 @@ def sweep(
         Calls at the same time; default: the processors of this process, or those of the cluster.
     results : path, optional
         A file (JSON Lines) to which each row is written when its call has ended. If it exists, seeds that have a row are not called
-        again: a sweep that was killed goes on where it was.
+        again: a sweep that was killed goes on where it was. The function is identified by its name (of a partial one with the
+        arguments): after a change of its code, take a new file.
     retry : bool
         Calls seeds again whose row in `results` is a failure.
     progress : bool or callable, optional

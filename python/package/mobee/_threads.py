@@ -77,9 +77,12 @@ class ThreadVectorEnv(SyncVectorEnv):
             raise
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        seeds = [None] * self.num_envs if seed is None else [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
+        if seed is None or isinstance(seed, int):
+            seeds = [None if seed is None else seed + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
         rest = None if options is None else {name: value for name, value in options.items() if name != "reset_mask"}
-        mask = np.ones(self.num_envs, np.bool_) if options is None else options.get("reset_mask", np.ones(self.num_envs, np.bool_))
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
         # what is malformed, gymnasium refuses
         if len(seeds) == self.num_envs and isinstance(mask, np.ndarray) and mask.shape == (self.num_envs,):
             chosen = [(env, own) for env, own, reset in zip(self._ahead, seeds, mask, strict=True) if reset]
