@@ -26,7 +26,9 @@ const NEXT_SHARE: f64 = 0.5;
 /// Load below which a joint at rest shows nothing of its compliance, as a share of the threshold of a contact: dry
 /// friction holds as much.
 const LEAST_LOAD: f64 = 0.1;
-/// Time after which a joint that has not moved counts as at rest when it is stopped.
+/// Way of a joint beside which its sag is small, rad.
+const LONG_WAY: f64 = 3.0 * std::f64::consts::PI / 180.0;
+/// Time after which an arm that has not moved counts as at rest when it is stopped.
 const SHORT_REST: Duration = Duration::from_millis(100);
 /// Speed at which a stopped joint takes up its load, as a share of its greatest.
 const HOLD_SPEED_SHARE: f64 = 0.5;
@@ -129,8 +131,10 @@ impl HoldOffsets {
     pub fn apply(&mut self, command: &Command, now: Time) -> Command {
         match command {
             Command::Move(m) if !m.relative => {
+                let before: Vec<Option<f64>> = m.motors.iter().map(|m| self.commanded(*m)).collect();
                 let q = self.shift(&m.motors, &m.q, now);
-                Command::Move(Move { q, ..m.clone() })
+                let [speed, acceleration] = self.in_time(m, &before, &q);
+                Command::Move(Move { q, speed, acceleration, ..m.clone() })
             }
             Command::Direct { motors, q } => Command::Direct { motors: motors.clone(), q: self.shift(motors, q, now) },
             Command::Stop { motors } | Command::Velocity { motors, .. } => {
@@ -146,16 +150,60 @@ impl HoldOffsets {
         }
     }
 
+    /// Position that the board was last sent to, rad; the newest reading of a motor that was stopped since.
+    fn commanded(&self, motor: usize) -> Option<f64> {
+        let sent = self.joints.get(motor).filter(|joint| joint.target.is_some()).map(|joint| joint.sent);
+        sent.or_else(|| self.newest.q.get(motor).copied())
+    }
+
+    /// Speeds and accelerations of a move to `sent`, rad, from `before`: the board is to arrive when the joints would
+    /// without offsets. The sag may change by more than the joint moves.
+    fn in_time(&self, course: &Move, before: &[Option<f64>], sent: &[f64]) -> [Option<Vec<f64>>; 2] {
+        let (Some(mut speed), mut acceleration) = (course.speed.clone(), course.acceleration.clone()) else {
+            return [None, course.acceleration.clone()];
+        };
+        let ways =
+            course.motors.iter().zip(&course.q).map(|(m, to)| self.newest.q.get(*m).map_or(0.0, |q| (to - q).abs()));
+        let ways: Vec<f64> = ways.collect();
+        let secs =
+            |i: usize| ways.get(i).zip(speed.get(i)).map_or(0.0, |(way, v)| if *v > 0.0 { way / v } else { 0.0 });
+        let times: Vec<f64> = (0..speed.len()).map(secs).collect();
+        let Some((slowest, longest)) = times.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1)) else {
+            return [Some(speed), acceleration];
+        };
+        let rate = acceleration.as_ref().and_then(|all| Some(all.get(slowest)? / speed.get(slowest)?.max(1e-9)));
+        for (i, m) in course.motors.iter().enumerate() {
+            let (Some(axis), Some(Some(from)), Some(to)) = (self.axes.get(*m), before.get(i), sent.get(i)) else {
+                continue;
+            };
+            let own = ways.get(i).is_some_and(|way| *way > LONG_WAY);
+            let secs = if own { times.get(i).copied().unwrap_or_default() } else { longest };
+            let Some(speed) = speed.get_mut(i).filter(|_| axis.hold_error > 0.0 && secs > 0.0) else { continue };
+            let needed = ((to - from).abs() / secs).min(axis.max_speed);
+            let share = if own && *speed > 0.0 { Some(needed / *speed) } else { None };
+            *speed = needed;
+            if let Some(acceleration) = acceleration.as_mut().and_then(|all| all.get_mut(i)) {
+                let scaled = share.map(|share| share * *acceleration).or(rate.map(|rate| rate * needed));
+                *acceleration = scaled.unwrap_or(*acceleration).min(axis.max_acceleration);
+            }
+        }
+        [Some(speed), acceleration]
+    }
+
     /// Command that follows this stop, on boards whose stop holds the position that the encoder reads: the motors that
     /// it stops are to hold the newest reading with their load, so that they do not sink below it. `None` if nothing
     /// sinks, or if the load is not known.
     pub fn hold_after(&self, command: &Command) -> Option<Command> {
         let Command::Stop { motors: named } = command else { return None };
+        // Encoders that show no motion may be frozen: they do not show where the arm is.
+        let moves = |joint: &MotorOffset| self.newest.at < joint.stands.1 + SHORT_REST;
+        if !self.joints.iter().any(moves) {
+            return None;
+        }
         let sinks = |(m, axis): (usize, &Axis)| {
             // a stop changes nothing for a motor at rest
             let done = self.newest.done.get(m).copied().unwrap_or_default();
-            let moves = |joint: &MotorOffset| !done || self.newest.at < joint.stands.1 + SHORT_REST;
-            let commanded = self.joints.get(m).is_some_and(|joint| joint.target.is_some() && moves(joint));
+            let commanded = self.joints.get(m).is_some_and(|joint| joint.target.is_some() && (!done || moves(joint)));
             let stopped = named.is_empty() || named.contains(&m);
             (axis.stop_sinks && commanded && stopped).then_some(m)
         };
@@ -361,6 +409,19 @@ mod tests {
         let greatest = |errors: &[f64]| errors.iter().copied().fold(0.0, f64::max).to_degrees();
         assert!(greatest(first) > 0.5, "{} deg", greatest(first));
         assert!(greatest(last) < 0.1, "{} deg", greatest(last));
+        // a joint whose target is where it is arrives with the others, though its sag changes
+        let mut to = arm.q.clone();
+        to[1] -= 1.0;
+        let course =
+            Move { motors: (0..6).collect(), q: to, relative: false, speed: Some(vec![0.5; 6]), acceleration: None };
+        let before: Vec<f64> = (0..6).filter_map(|m| arm.offsets.commanded(m)).collect();
+        let Command::Move(sent) = arm.offsets.apply(&Command::Move(course), Time(arm.ms * MS)) else { panic!() };
+        for ((from, to), speed) in before.iter().zip(&sent.q).zip(sent.speed.unwrap()).skip(2) {
+            assert!(
+                ((to - from).abs() / speed.max(1e-9) - 2.0).abs() < 1e-6 || from == to,
+                "{from} to {to} at {speed}"
+            );
+        }
         let stop = Command::Stop { motors: Vec::new() };
         assert_eq!(arm.offsets.hold_after(&stop), None, "nothing moves");
         arm.q = target();

@@ -1,7 +1,8 @@
 //! I14: while several robots are retreating, no contact between two of them begins.
 //!
 //! A pair that was in contact when the robots were stopped may separate and touch again: the retreat path
-//! passes that point a second time, and I9 watches it.
+//! passes that point a second time, and I9 watches it. An arm whose joints deflect under load sags differently on
+//! the way back: its contacts count below half of the margin, as for I9.
 
 use super::{FoundViolations, Invariant};
 use crate::journal::JournalLine;
@@ -16,6 +17,8 @@ pub(super) struct Together {
 
 struct JointRetreatWatch {
     name: String,
+    /// Distance below which a contact with it counts, meters.
+    counts: f64,
     /// While it is retreating: the pairs that were near at the start.
     back: Option<Vec<Contact>>,
     /// Length of its path: configurations, and the bits of the seconds. They are equal for the robots of one
@@ -52,9 +55,10 @@ impl Together {
 impl Invariant for Together {
     fn on(&mut self, line: &JournalLine, found: &mut FoundViolations<'_>) {
         match &line.event {
-            Event::Robot { robot, .. } if self.robots.iter().all(|r| r.name != *robot) => {
+            Event::Robot { robot, margin, deflection, .. } if self.robots.iter().all(|r| r.name != *robot) => {
                 self.robots.push(JointRetreatWatch {
                     name: robot.clone(),
+                    counts: if *deflection > 0.0 { 0.5 * margin } else { f64::INFINITY },
                     back: None,
                     plan: (0, 0),
                     waits: false,
@@ -78,7 +82,8 @@ impl Invariant for Together {
                 let (Some((one, of_one)), Some((other, of_other))) = (self.back(pair.0), self.back(pair.1)) else {
                     return;
                 };
-                if one.name != other.name && !of_one.iter().chain(of_other).any(|c| c.pair == pair) {
+                let counts = contact.distance < one.counts.min(other.counts);
+                if counts && one.name != other.name && !of_one.iter().chain(of_other).any(|c| c.pair == pair) {
                     let mm = contact.distance * 1e3;
                     let one = &one.name;
                     let other = &other.name;

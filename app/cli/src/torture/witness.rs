@@ -83,6 +83,8 @@ struct WatchedRobot {
     /// True if its joints are compliant: its sag differs, so it may come half as close during the retreat as it has
     /// been.
     is_compliant: bool,
+    /// Distance by which its joints may rest beside their commanded positions, rad.
+    sags: f64,
     period: Duration,
     rest_speed: f64,
     /// True if its controller has a reflex.
@@ -135,6 +137,7 @@ impl WatchedRobot {
             units: MotorUnits::default(),
             margin,
             is_compliant: false,
+            sags: 0.0,
             period,
             rest_speed,
             reflex: true,
@@ -226,16 +229,16 @@ impl Witness {
         self.pass(at);
         match event {
             Event::Injected { .. } | Event::Died { .. } | Event::Restarted { .. } => self.disturbed = at,
-            Event::Robot { robot, motors, sliding, margin, period, rest_speed, deflection, .. } => {
+            Event::Robot { robot, motors, sliding, margin, period, rest_speed, deflection, hold_error, .. } => {
                 let period = Duration::try_from_secs_f64(*period).unwrap_or_default();
                 let rules = (*margin, period, *rest_speed);
                 let units = MotorUnits::new(motors.len(), sliding);
                 if let Some(known) = self.robots.iter_mut().find(|r| r.name == *robot) {
                     (known.margin, known.period, known.rest_speed) = rules;
-                    (known.units, known.is_compliant) = (units, *deflection > 0.0);
+                    (known.units, known.is_compliant, known.sags) = (units, *deflection > 0.0, *hold_error);
                 } else {
                     let mut seen = WatchedRobot::new(robot, rules, at);
-                    (seen.units, seen.is_compliant) = (units, *deflection > 0.0);
+                    (seen.units, seen.is_compliant, seen.sags) = (units, *deflection > 0.0, *hold_error);
                     seen.faults = self.faults.get(self.robots.len()).cloned().unwrap_or_default();
                     self.robots.push(seen);
                 }
@@ -341,7 +344,8 @@ impl Witness {
                     return;
                 }
                 let way = moved(seen.late.get_or_insert_with(|| truth.to_vec()));
-                if way > EQUAL_READINGS_LIMIT.1 {
+                // a board whose stop holds the measured position lets a loaded joint sink by its sag
+                if way > EQUAL_READINGS_LIMIT.1 + seen.sags {
                     let name = &seen.name;
                     let way = seen.units.told(way, 1);
                     let more = EQUAL_READINGS_LIMIT.0.as_secs_f64();
@@ -440,7 +444,10 @@ impl Witness {
                 continue;
             }
             self.joint.nearer = start - c.distance;
-            if self.joint.nearer > JOINT_TOLERANCE_M {
+            // arms that sag do so differently on the way back: as for I9
+            let sags = a.is_compliant || b.is_compliant;
+            let tolerance = if sags { JOINT_TOLERANCE_M.max(0.5 * start) } else { JOINT_TOLERANCE_M };
+            if self.joint.nearer > tolerance {
                 let a = scene.label(c.pair.0);
                 let b = scene.label(c.pair.1);
                 let [now, start] = [c.distance, start].map(|m| m * 1e3);
