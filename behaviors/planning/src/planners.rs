@@ -12,6 +12,7 @@
 //! [`escape`](mod@escape) is older and simpler: it finds the way out of a contact.
 
 mod ao_rrt_connect;
+mod draws;
 pub mod escape;
 mod rrt_connect;
 mod shortcut;

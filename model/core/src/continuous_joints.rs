@@ -18,9 +18,13 @@ impl Motor {
 
     /// Of the positions equivalent to `goal`, the one within the limits that is nearest to `from`, rad of encoder;
     /// `goal` itself for a motor that is not continuous, or if it is the nearest.
+    #[inline]
     pub fn nearest_equivalent(&self, from: f64, goal: f64) -> f64 {
+        if !self.continuous {
+            return goal;
+        }
         let turns = ((from - goal) / TAU).round();
-        if !self.continuous || turns == 0.0 || !turns.is_finite() {
+        if turns == 0.0 || !turns.is_finite() {
             return goal;
         }
         // Not beyond a limit: the last turn within it.

@@ -17,14 +17,13 @@
 //! *Dynamic-Domain RRTs*, 2005), so that a tree in a corner does not spend its lines on the walls
 //! around it.
 
+use super::draws::SplitMix;
 use super::tree::{SearchTree, joined};
 use super::{JointPath, JointSpace, NoPath, PlanEnds, PlanProgress, Planner, PlanningProblem};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use std::ops::ControlFlow;
 
 /// Radius of a node's domain after its first blocked step, in steps; the minimum is one step.
-const DOMAIN_STEPS: f64 = 4.0;
+const DOMAIN_STEPS: f64 = 3.5;
 /// Relative change of a domain after each further step: it shrinks if the step was blocked, and
 /// grows otherwise.
 const DOMAIN_CHANGE: f64 = 1e-4;
@@ -103,7 +102,7 @@ struct RrtSearch<'a> {
 
 impl RrtSearch<'_> {
     fn run(mut self, seed: u64) -> Result<JointPath, NoPath> {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut rng = SplitMix(seed);
         // First try the whole straight line.
         if let Some(path) = self.straight()? {
             return Ok(path);
@@ -114,9 +113,7 @@ impl RrtSearch<'_> {
             // The smaller tree is extended, so that both ends are explored equally.
             let grown = usize::from(self.trees[1].len() < self.trees[0].len());
             self.space.sample_into(&mut rng, &mut draw);
-            let near = self.trees[grown].nearest(&draw);
-            self.space.toward_into(self.trees[grown].pose(near), &draw, &mut self.target);
-            let far = self.space.weighted(self.trees[grown].pose(near), &self.target);
+            let (near, far) = self.trees[grown].nearest(&draw);
             let domain = self.trees[grown].radius_mut(near).map_or(f64::INFINITY, |r| *r);
             if far > domain && outside < MAX_OUTSIDE {
                 outside += 1;
@@ -131,6 +128,8 @@ impl RrtSearch<'_> {
                 continue;
             }
             outside = 0;
+            self.space.toward_into(self.trees[grown].pose(near), &draw, &mut self.target);
+            let far = self.space.weighted(self.trees[grown].pose(near), &self.target);
             let share = (self.step / far).min(1.0);
             let reached = self.advance(grown, near, share)?;
             self.adapt_domain(grown, near, reached.is_some());
@@ -190,7 +189,7 @@ impl RrtSearch<'_> {
     fn connect(&mut self, tree: usize, node: u32) -> Result<Option<JointPath>, NoPath> {
         let other = 1 - tree;
         let goal = self.trees[tree].pose(node).to_vec();
-        let mut at = self.trees[other].nearest(&goal);
+        let (mut at, _) = self.trees[other].nearest(&goal);
         self.space.toward_into(self.trees[other].pose(at), &goal, &mut self.target);
         let far = self.space.weighted(self.trees[other].pose(at), &self.target);
         let mut left = (far / self.step).ceil().max(1.0);

@@ -2,8 +2,8 @@
 //!
 //! Each round removes unneeded waypoints, cuts the corners, and then tries lines between random
 //! points of the path (Geraerts and Overmars, *Creating High-quality Paths for Motion Planning*,
-//! 2007). A new line is accepted if it can be certified at little cost. Parts of a cut line differ
-//! from it by rounding, so the path of each round is certified again as a whole.
+//! 2007). Lines are only sampled, and the resulting path is certified as a whole. If lines of it are
+//! refuted, the rounds are repeated without them.
 
 use super::{JointPath, JointSpace, between};
 use rand::{Rng, SeedableRng};
@@ -11,8 +11,11 @@ use rand_chacha::ChaCha8Rng;
 
 /// Maximum number of rounds.
 const MAX_ROUNDS: usize = 16;
+/// Maximum number of paths of sampled lines; if all are refuted, each line is certified before it is
+/// accepted.
+const MAX_SAMPLED: usize = 4;
 /// Minimum gain of a round, as a share of the path's length, for another round.
-const MIN_ROUND_GAIN: f64 = 5e-3;
+const MIN_ROUND_GAIN: f64 = 0.02;
 /// Number of shortcuts between random points tried in a round.
 const RANDOM_SHORTCUTS: usize = 8;
 /// Minimum gain of a shortcut, as a share of the path's length, or of a cut, as a share of the
@@ -35,31 +38,11 @@ pub fn shorten(space: &mut JointSpace, path: JointPath, seed: u64, budget: u64) 
     let end = begun.saturating_add(budget);
     let before = path.evaluations;
     let goal = path.goal;
-    let mut best = path.poses;
-    let mut shortener = Shortener { space, end, rng: ChaCha8Rng::seed_from_u64(seed) };
-    for round in 0..MAX_ROUNDS {
-        let whole = shortener.length(&best);
-        let mut poses = best.clone();
-        // In later rounds cuts have the effect of skips.
-        if round == 0 {
-            shortener.skip(&mut poses);
-        }
-        shortener.cut_corners(&mut poses);
-        shortener.cut_across(&mut poses);
-        poses.dedup();
-        let length = shortener.length(&poses);
-        if length >= whole {
-            break;
-        }
-        if !shortener.is_certified(&poses) {
-            break;
-        }
-        best = poses;
-        if length > whole * (1.0 - MIN_ROUND_GAIN) {
-            break;
-        }
-    }
-    JointPath { poses: best, goal, evaluations: before + space.evaluations() - begun }
+    let mut shortener =
+        Shortener { space, end, rng: ChaCha8Rng::seed_from_u64(seed), certifies: false, seed, refuted: Vec::new() };
+    let poses = (0..MAX_SAMPLED).find_map(|_| shortener.sampled(&path.poses));
+    let poses = poses.unwrap_or_else(|| shortener.certified(path.poses));
+    JointPath { poses, goal, evaluations: before + space.evaluations() - begun }
 }
 
 struct Shortener<'a> {
@@ -67,9 +50,78 @@ struct Shortener<'a> {
     /// The space's count of evaluations at which it ends.
     end: u64,
     rng: ChaCha8Rng,
+    seed: u64,
+    /// Whether each line is certified before it is accepted.
+    certifies: bool,
+    /// Lines whose samples were free but that were not certified.
+    refuted: Vec<[Vec<f64>; 2]>,
 }
 
 impl Shortener<'_> {
+    /// Returns the path of rounds in which lines are only sampled, once it is certified; `None` if lines of it are refuted,
+    /// which are then excluded.
+    fn sampled(&mut self, path: &[Vec<f64>]) -> Option<Vec<Vec<f64>>> {
+        self.rng = ChaCha8Rng::seed_from_u64(self.seed);
+        let mut best = path.to_vec();
+        for round in 0..MAX_ROUNDS {
+            let whole = self.length(&best);
+            let poses = self.round(&best, round);
+            let length = self.length(&poses);
+            if length < whole {
+                best = poses;
+            }
+            if length > whole * (1.0 - MIN_ROUND_GAIN) {
+                break;
+            }
+        }
+        if best == path || !self.affords(best.len() as u64) {
+            return Some(path.to_vec());
+        }
+        let lines = best.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice()));
+        let free = self.space.path_lines_free(lines);
+        let before = self.refuted.len();
+        let refuted = best.windows(2).zip(free).filter(|(_, free)| !free);
+        self.refuted.extend(refuted.map(|(w, _)| [w[0].clone(), w[1].clone()]));
+        (self.refuted.len() == before).then_some(best)
+    }
+
+    /// Returns the path of rounds in which each line is certified.
+    fn certified(&mut self, path: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        self.certifies = true;
+        let mut best = path;
+        for round in 0..MAX_ROUNDS {
+            let whole = self.length(&best);
+            let poses = self.round(&best, round);
+            let length = self.length(&poses);
+            if length >= whole || !self.is_certified(&poses) {
+                break;
+            }
+            best = poses;
+            if length > whole * (1.0 - MIN_ROUND_GAIN) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Returns the path after a round.
+    fn round(&mut self, path: &[Vec<f64>], round: usize) -> Vec<Vec<f64>> {
+        let mut poses = path.to_vec();
+        // In later rounds cuts have the effect of skips.
+        if round == 0 {
+            self.skip(&mut poses);
+        }
+        self.cut_corners(&mut poses);
+        self.cut_across(&mut poses);
+        poses.dedup();
+        poses
+    }
+
+    /// Returns whether the budget allows this number of further lines.
+    fn affords(&self, lines: u64) -> bool {
+        self.space.evaluations().saturating_add(lines) <= self.end
+    }
+
     fn length(&self, poses: &[Vec<f64>]) -> f64 {
         poses.windows(2).map(|w| self.space.weighted(&w[0], &w[1])).sum()
     }
@@ -78,13 +130,16 @@ impl Shortener<'_> {
     fn is_free(&mut self, from: &[f64], to: &[f64]) -> bool {
         // The rest of the budget must suffice to certify the path.
         let affordable = self.space.evaluations().saturating_add(MAX_WAYPOINTS as u64) < self.end;
-        affordable && self.space.is_easily_free(from, to)
+        if self.refuted.iter().any(|[a, b]| on_line(a, from, to) && on_line(b, from, to)) {
+            return false;
+        }
+        affordable
+            && if self.certifies { self.space.is_easily_free(from, to) } else { self.space.samples_free(from, to) }
     }
 
     fn is_certified(&mut self, poses: &[Vec<f64>]) -> bool {
-        let lines = poses.len().saturating_sub(1) as u64;
-        let affordable = self.space.evaluations().saturating_add(lines) <= self.end;
-        affordable && self.space.all_free(poses.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice())))
+        self.affords(poses.len() as u64)
+            && self.space.all_free(poses.windows(2).map(|w| (w[0].as_slice(), w[1].as_slice())))
     }
 
     /// Replaces each waypoint's successors by a straight line to the last one that it can reach.
@@ -164,4 +219,13 @@ impl Shortener<'_> {
             }
         }
     }
+}
+
+/// Returns whether a configuration is on a straight line, except for rounding.
+fn on_line(q: &[f64], from: &[f64], to: &[f64]) -> bool {
+    let along: f64 = from.iter().zip(to).zip(q).map(|((a, b), q)| (q - a) * (b - a)).sum();
+    let squared: f64 = from.iter().zip(to).map(|(a, b)| (b - a) * (b - a)).sum();
+    let share = along / squared.max(1e-12);
+    (-1e-6..=1.0 + 1e-6).contains(&share)
+        && from.iter().zip(to).zip(q).all(|((a, b), q)| (a + (b - a) * share - q).abs() < 1e-6)
 }

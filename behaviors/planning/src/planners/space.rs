@@ -9,11 +9,14 @@ use mobee_model::{Motor, Scene};
 use rand::Rng;
 use std::f64::consts::TAU;
 
-/// Number of configurations sampled on a line, per radian of its length.
-const SAMPLES_PER_RAD: f64 = 32.0;
+/// Number of configurations sampled on a line, per radian of its length. Lines that are used are proved, so the samples only
+/// have to find most of the blocked ones.
+const SAMPLES_PER_RAD: f64 = 16.0;
 /// Maximum number of unproved intervals at a time for a line to count as easily certified; a line
 /// close to an obstacle has more.
 const MAX_EASY_INTERVALS: usize = 32;
+/// As [`MAX_EASY_INTERVALS`], for the lines of a path.
+const MAX_PATH_INTERVALS: usize = 128;
 /// Maximum excess over a motor's limits that counts as rounding, rad.
 const ROUNDING_RAD: f64 = 1e-9;
 
@@ -27,6 +30,8 @@ struct SpaceMotors {
     motors: Vec<usize>,
     /// The same motors, with the limits of robot and board.
     joints: Vec<Motor>,
+    /// Per motor: the range of random positions.
+    ranges: Vec<(f64, f64)>,
     metric: JointMetric,
     /// Weight of each coordinate, per rad at the encoder: a meter of a prismatic joint counts as a
     /// radian of a revolute one.
@@ -98,8 +103,9 @@ impl JointSpace {
         let before: usize = scene.robots().iter().take(robot).map(|r| r.motors.len()).sum();
         let metric = JointMetric::of_each(joints.iter().map(Some));
         let weights = joints.iter().map(|m| 1.0 / m.motion.encoder(1.0)).collect();
+        let ranges = joints.iter().map(Motor::range).collect();
         let columns = motors.iter().map(|m| before + m).collect();
-        let group = SpaceMotors { robot, clearance, motors, joints, metric, weights, columns };
+        let group = SpaceMotors { robot, clearance, motors, joints, ranges, metric, weights, columns };
         Ok(Self::over(fast, group, scene, poses))
     }
 
@@ -251,8 +257,8 @@ impl JointSpace {
         if let Some(Some(held)) = self.held.get(i) {
             return *held;
         }
-        let (min, max) = self.group.joints.get(i).map_or((0.0, 0.0), Motor::range);
-        if max > min { rng.random_range(min..=max) } else { min }
+        let (min, max) = self.group.ranges.get(i).copied().unwrap_or_default();
+        (min + (max - min) * rng.random::<f64>()).min(max)
     }
 
     /// Returns the configuration equivalent to `to` that is closest to `from`, within the limits.
@@ -335,9 +341,23 @@ impl JointSpace {
     /// Returns which of these straight lines are free, as [`JointSpace::certify`], but faster:
     /// obstacles are not located.
     pub fn free_lines<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
+        self.free_lines_within(edges, usize::MAX)
+    }
+
+    /// As [`JointSpace::free_lines`] for the lines of a path; one that is close along an obstacle, which
+    /// takes long to certify, counts as not free.
+    pub fn path_lines_free<'a>(&mut self, edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>) -> Vec<bool> {
+        self.free_lines_within(edges, MAX_PATH_INTERVALS)
+    }
+
+    fn free_lines_within<'a>(
+        &mut self,
+        edges: impl IntoIterator<Item = (&'a [f64], &'a [f64])>,
+        most: usize,
+    ) -> Vec<bool> {
         let shut = self.load(edges);
         self.evaluations += shut.len() as u64;
-        if self.fast.edges_free(&self.edges, &mut self.free).is_err() {
+        if self.fast.edges_free_within(&self.edges, most, &mut self.free).is_err() {
             // Cannot happen: these are whole configurations.
             self.free.clear();
         }
@@ -404,17 +424,29 @@ impl JointSpace {
     /// reason is returned. A malformed end, even if other goals can be used.
     pub fn ends(&mut self, problem: &PlanningProblem) -> Result<PlanEnds, NoPath> {
         let start = problem.start.clone();
-        self.check_end(PathEnd::Start, &start)?;
-        let mut goals = Vec::new();
+        self.check_limits(PathEnd::Start, &start)?;
+        let mut inside = Vec::new();
         let mut refused = Vec::new();
         for (i, given) in problem.goals.iter().enumerate() {
             let goal = if given.len() == start.len() { self.toward(&start, given) } else { given.clone() };
-            match self.check_end(PathEnd::Goal, &goal) {
-                Ok(()) => goals.push((i, goal)),
+            match self.check_limits(PathEnd::Goal, &goal) {
+                Ok(()) => inside.push((i, goal)),
                 Err(why @ NoPath::Malformed(_)) => return Err(why),
                 Err(why) => refused.push((i, why)),
             }
         }
+        let all = std::iter::once(&start).chain(inside.iter().map(|(_, goal)| goal));
+        // All together: that costs hardly more than one.
+        let mut verdicts = self.certify(all.map(|q| (q.as_slice(), q.as_slice()))).iter();
+        check_verdict(PathEnd::Start, verdicts.next())?;
+        let mut goals = Vec::new();
+        for ((i, goal), verdict) in inside.into_iter().zip(verdicts) {
+            match check_verdict(PathEnd::Goal, Some(verdict)) {
+                Ok(()) => goals.push((i, goal)),
+                Err(why) => refused.push((i, why)),
+            }
+        }
+        refused.sort_by_key(|(i, _)| *i);
         goals.sort_by(|a, b| self.weighted(&start, &a.1).total_cmp(&self.weighted(&start, &b.1)));
         if goals.is_empty() {
             let first = refused.into_iter().next();
@@ -423,20 +455,22 @@ impl JointSpace {
         Ok(PlanEnds { start, goals, refused })
     }
 
-    /// Checks that a planner can use an end of a problem.
-    fn check_end(&mut self, end: PathEnd, q: &[f64]) -> Result<(), NoPath> {
+    /// Checks that an end of a problem is a configuration within the limits.
+    fn check_limits(&self, end: PathEnd, q: &[f64]) -> Result<(), NoPath> {
         let n = self.group.motors.len();
         if n == 0 || q.len() != n || q.iter().any(|q| !q.is_finite()) {
             return Err(NoPath::Malformed(end));
         }
-        if let Some(motor) = self.outside(q) {
-            return Err(NoPath::Limits { end, motor });
-        }
-        match self.certify([(q, q)]) {
-            [EdgeVerdict::Free] => Ok(()),
-            [EdgeVerdict::Blocked(obstruction)] => Err(NoPath::Blocked { end, pair: obstruction.pair }),
-            _ => Err(NoPath::Blocked { end, pair: None }),
-        }
+        self.outside(q).map_or(Ok(()), |motor| Err(NoPath::Limits { end, motor }))
+    }
+}
+
+/// Checks that an end of a problem was certified free.
+fn check_verdict(end: PathEnd, verdict: Option<&EdgeVerdict>) -> Result<(), NoPath> {
+    match verdict {
+        Some(EdgeVerdict::Free) => Ok(()),
+        Some(EdgeVerdict::Blocked(obstruction)) => Err(NoPath::Blocked { end, pair: obstruction.pair }),
+        _ => Err(NoPath::Blocked { end, pair: None }),
     }
 }
 

@@ -6,6 +6,9 @@ use std::f64::consts::TAU;
 /// Number of nodes for which distances are computed together.
 const BLOCK_SIZE: usize = 16;
 
+/// Adding this to a number below 2^22 and subtracting it rounds the number to a whole one.
+const ROUND: f32 = 12_582_912.0;
+
 /// A tree that grows from one end of a problem; from several goals it is a forest. The roots are the first nodes.
 pub(super) struct SearchTree {
     /// Configurations one after the other, each in the turn in which it was reached.
@@ -51,8 +54,8 @@ impl SearchTree {
         self.poses.get(first..first + self.dimension).unwrap_or(&[])
     }
 
-    /// Returns the node nearest to a configuration.
-    pub fn nearest(&mut self, q: &[f64]) -> u32 {
+    /// Returns the node nearest to a configuration, and its distance by the weights of the space.
+    pub fn nearest(&mut self, q: &[f64]) -> (u32, f64) {
         self.near.nearest(q)
     }
 
@@ -144,8 +147,8 @@ pub(super) fn joined(space: &JointSpace, trees: &[SearchTree; 2], met: [u32; 2])
 /// Nearest neighbor by a linear scan in single precision: trees are small, and the nearest node
 /// only determines where a step begins.
 struct NearestScan {
-    /// Weight of each coordinate, and the weighted length of a turn if full turns are ignored.
-    axes: Vec<(f64, Option<f32>)>,
+    /// Weight of each coordinate; and the weighted length of a turn and its reciprocal, if full turns are ignored.
+    axes: Vec<(f64, Option<[f32; 2]>)>,
     /// Blocks of nodes, coordinate by coordinate; infinity where there is no node.
     blocks: Vec<[f32; BLOCK_SIZE]>,
     len: usize,
@@ -155,7 +158,9 @@ struct NearestScan {
 impl NearestScan {
     fn new(space: &JointSpace) -> Self {
         let metric = space.metric();
-        let axis = |(i, weight): (usize, &f64)| (*weight, metric.turns(i).then_some((TAU * weight) as f32));
+        let axis = |(i, weight): (usize, &f64)| {
+            (*weight, metric.turns(i).then_some([(TAU * weight) as f32, (1.0 / (TAU * weight)) as f32]))
+        };
         let axes = space.weights().iter().enumerate().map(axis).collect();
         NearestScan { axes, blocks: Vec::new(), len: 0, query: Vec::new() }
     }
@@ -186,13 +191,12 @@ impl NearestScan {
     fn squares(&self, rows: &[[f32; BLOCK_SIZE]]) -> [f32; BLOCK_SIZE] {
         let mut sum = [0.0_f32; BLOCK_SIZE];
         for ((row, q), (_, turn)) in rows.iter().zip(&self.query).zip(&self.axes) {
-            for (sum, x) in sum.iter_mut().zip(row) {
-                let mut way = x - q;
-                if let Some(turn) = turn {
-                    way -= (way / turn).round() * turn;
-                }
-                *sum += way * way;
+            let mut ways = row.map(|x| x - q);
+            if let Some([turn, per_turn]) = turn {
+                // Rounds to a whole number, without a call.
+                ways = ways.map(|way| way - ((way * per_turn + ROUND) - ROUND) * turn);
             }
+            sum.iter_mut().zip(ways).for_each(|(sum, way)| *sum += way * way);
         }
         sum
     }
@@ -211,19 +215,30 @@ impl NearestScan {
         best.1 as u32
     }
 
-    fn nearest(&mut self, q: &[f64]) -> u32 {
+    fn nearest(&mut self, q: &[f64]) -> (u32, f64) {
         self.load_query(q);
-        let mut best = [(f32::INFINITY, 0_u32); BLOCK_SIZE];
+        let mut best = (f32::INFINITY, 0);
         for (block, rows) in self.blocks.chunks(self.axes.len().max(1)).enumerate() {
-            let sum = self.squares(rows);
-            for (best, sum) in best.iter_mut().zip(sum) {
-                if sum < best.0 {
-                    *best = (sum, block as u32);
-                }
+            let squares = self.squares(rows);
+            let least = least(&squares);
+            if least < best.0 {
+                let lane = squares.iter().position(|square| *square == least).unwrap_or(0);
+                best = (least, block * BLOCK_SIZE + lane);
             }
         }
-        let all = best.iter().enumerate().map(|(lane, (far, block))| (*far, block * BLOCK_SIZE as u32 + lane as u32));
-        let nearest = all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        nearest.map_or(0, |(_, node)| node.min(self.len.saturating_sub(1) as u32))
+        (best.1 as u32, f64::from(best.0.sqrt()))
     }
+}
+
+/// Returns the least of some numbers, in a way that the compiler vectorizes.
+fn least(numbers: &[f32; BLOCK_SIZE]) -> f32 {
+    let mut least = *numbers;
+    let mut count = BLOCK_SIZE / 2;
+    while count > 0 {
+        for i in 0..count {
+            least[i] = if least[i + count] < least[i] { least[i + count] } else { least[i] };
+        }
+        count /= 2;
+    }
+    least[0]
 }

@@ -12,7 +12,7 @@ use serde::Serialize;
 use std::ops::ControlFlow;
 
 /// The clock is read once in this number of batches: reading it takes longer than some of them.
-const CLOCK_EVERY: u32 = 16;
+const CLOCK_EVERY: u32 = 64;
 /// Configurations that brute force judges at once.
 const JUDGED_AT_ONCE: usize = 4096;
 
