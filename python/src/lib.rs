@@ -9,9 +9,10 @@
 //! driver actor ──callback_line──> positions ──driver_line──> driver in Python ──sample──> callback_line ──> driver actor
 //! ```
 //!
-//! The files without Python (`attach`, `failure`, `joints`, `pose`, `chain`, `inverse`; `timing`, `relay`, `sense_relay`, `sense_slots`, `session`, `slots`, `motion_book`, `follow`, `callback_arm`,
-//! `callback_line`) never name the interpreter: a run has no thread that waits for its lock. Of these `failure`, `joints`, `pose`, `chain` and `inverse` are tested by `tests/`, all others by pytest. No call panics, whatever
-//! its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
+//! The files without Python never name the interpreter, so a run has no thread that waits for its lock: `attach`, `failure`, `joints`,
+//! `pose`, `chain`, `inverse`, `timing`; `relay`, `sense_relay`, `sense_slots`, `session`, `slots`, `motion_book`, `follow`, `callback_arm`,
+//! `callback_line`. Of these `failure`, `joints`, `pose`, `chain` and `inverse` are tested by `tests/`, all others by pytest. No call panics,
+//! whatever its arguments; long ones give up the interpreter's lock and end after Ctrl-C (`wait`).
 //!
 //! Units toward Python: radians, or meters for prismatic joints; the model counts "rad of encoder" (`mobee_model::Motor`).
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,30 @@ def test_links_are_looked_up_in_the_scene(ur5: mobee.Robot) -> None:
     world.attach("rod", LINK, robot="other")
     with pytest.raises(mobee.MobeeError, match="no robot has such a link"):
         mobee.Scene(ur5, world)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_its_pose_is_that_of_the_link_in_a_urdf(repository: Path, turned: bool) -> None:
+    bent = mobee.load(repository / "tests/data/bent_arm.urdf", poses=200)
+    assert any(not np.allclose(bent.fk(bent.home, frame)[:3, :3], np.eye(3)) for frame in bent.frames)
+    rng = np.random.default_rng(5)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.3, 0.2, -0.4
+    if turned:
+        pose[:3, :3] = [[0, -1, 0], [0, 0, -1], [1, 0, 0]]
+    tested = 0
+    for link in bent.frames:
+        world = mobee.World()
+        world.add("mark", mobee.Sphere(0.01), position=(5, 4, 3))
+        world.add("tool", mobee.Box((0.02, 0.1, 0.4)))
+        world.attach("tool", link, pose, touch=bent.frames)
+        scene = mobee.Scene(bent, world)
+        q = rng.uniform(bent.lower, bent.upper)
+        mark = np.linalg.solve(bent.fk(q, link) @ pose, (5, 4, 3, 1))[:3]
+        # the distance of the mark from the box, in the box's frame
+        expected = np.linalg.norm(np.maximum(abs(mark) - (0.01, 0.05, 0.2), 0)) - 0.01
+        found = [c.distance for c in scene.contacts(q, within=20.0) if "tool" in c.a + c.b and "mark" in c.a + c.b]
+        if found:  # what hangs at the base is never tested
+            assert found == [pytest.approx(expected, abs=1e-6)]
+            tested += 1
+    assert tested >= bent.dof
