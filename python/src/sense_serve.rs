@@ -183,7 +183,12 @@ fn object(item: &Bound<'_, PyAny>, place: &str) -> PyResult<String> {
 /// An attribute that is an array of finite numbers.
 fn numbers<const N: usize>(item: &Bound<'_, PyAny>, name: &str, shape: &[usize], place: &str) -> PyResult<[f64; N]> {
     let place = format!("{place}.{name}");
-    let all = fixed::<N>(&place, &item.getattr(name)?, shape, "see the class's documentation")?;
+    let remedy = match shape {
+        [] => "give a number".to_owned(),
+        [n] => format!("give an array ({n},)"),
+        many => format!("give an array {many:?}"),
+    };
+    let all = fixed::<N>(&place, &item.getattr(name)?, shape, &remedy)?;
     if let Some(x) = all.iter().find(|x| !x.is_finite()) {
         return Err(Failure::new("not_finite", format!("it has {x}"), "give finite numbers").at(place).into());
     }

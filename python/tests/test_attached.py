@@ -135,3 +135,12 @@ def test_its_pose_is_that_of_the_link_in_a_urdf(repository: Path, turned: bool) 
             assert found == [pytest.approx(expected, abs=1e-6)]
             tested += 1
     assert tested >= bent.dof
+
+
+def test_what_may_touch_it_where_the_file_lists_no_pairs(repository: Path) -> None:
+    icub = mobee.load(repository / "configs/robots/icub.xml")
+    world = mobee.World()
+    world.add("ball", mobee.Sphere(0.12))
+    for touch, free in ([], False), (["left_arm"], False), (["right_arm"], True):
+        world.attach("ball", "r_hand_dh_frame", touch=touch)
+        assert mobee.Scene(icub, world).free(icub.home) == free, touch

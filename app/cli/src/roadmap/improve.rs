@@ -57,12 +57,7 @@ pub fn command(args: &ImproveArgs) -> Result<String, Report> {
         neighbors: usize::from(args.neighbors),
         prune: args.prune,
     };
-    let show = &mut |step: &'static str, share: f64| {
-        if share == 0.0 {
-            bar.step(step);
-        }
-        bar.show(share);
-    };
+    let show = &mut |step, share| bar.show_step(step, share);
     let (mut better, report) = improve(&file, &scene, args.of.clearance(), settings, show)?;
     args.of.certify(&mut better, &scene, &bar)?;
     drop(bar);
