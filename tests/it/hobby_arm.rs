@@ -68,6 +68,19 @@ fn an_arm_that_sags_is_taken_back_from_what_it_does_not_know() {
     assert!(committed >= 25 && back >= 1 && faulted == 0, "{counters}");
 }
 
+/// Its load includes its weight, which is learned: a slow arm, too, lets go of what it pushes within half a second (1.2 s by the rise of
+/// the load alone).
+#[test]
+fn a_slow_hobby_arm_lets_go_at_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let post = r#", unknown = [{ name = "post", size_m = [0.06, 0.06, 0.8], at_m = [0.28, 0.10, 0.15] }]"#;
+    let counters = runs(folder.path(), ("so101", "so101_new_calib", 0.1), ("", post, ", stall_deg = 8"));
+    let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
+    assert!(committed >= 5 && back >= 3 && faulted == 0, "{counters}");
+    let longest = counters["push_s"].as_f64().expect("it has pushed the post");
+    assert!(longest < 0.5, "{longest} s");
+}
+
 /// A stiff arm at full speed meets a post that the model does not know: its torque sensors show each contact, each motion is taken back, and
 /// no stall needs to be watched for.
 #[test]

@@ -9,6 +9,7 @@ const ARMS: &str = "configs/behaviors/torture.toml";
 const STREAMS: &str = "configs/behaviors/torture-streams.toml";
 const CONSTRAINTS: &str = "configs/behaviors/torture-constraints.toml";
 const STALLS: &str = "configs/behaviors/torture-stalls.toml";
+const SERVOS: &str = "configs/behaviors/torture-servos.toml";
 const ICUB: &str = "configs/behaviors/explore.toml";
 const YARP: &str = "configs/behaviors/explore-yarp.toml";
 
@@ -67,6 +68,15 @@ fn motors_that_are_held_are_taken_back_and_others_are_not() {
     let held = seeds(STALLS, 1, 30, "F32");
     assert!(stalls(&held) > 30, "{held}");
     assert_eq!(stalls(&seeds(STALLS, 1, 30, "none")), 0);
+}
+
+/// Arms that sag and press against each other. Seeds that were red: an outcome while the arm still crept, an arm that sank behind frozen
+/// encoders, arms that sagged toward each other on their way back.
+#[test]
+fn arms_with_servos_hold_all_invariants() {
+    for seed in [106, 143, 188] {
+        seeds(SERVOS, seed, 1, "");
+    }
 }
 
 #[test]

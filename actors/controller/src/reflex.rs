@@ -203,6 +203,8 @@ pub struct ReflexCore {
     recent: RecentClearances,
     /// True if a constraint was violated in the newest reading.
     violated: bool,
+    /// True if the robot rested in the newest reading.
+    rests: bool,
     /// Last stop, sent by the reflex or by Supervise.
     stop: Stop,
     /// Motors of the stopped motion: they are switched back to the mode of position moves.
@@ -235,6 +237,7 @@ impl ReflexCore {
             passed: ClearanceFloors::default(),
             recent: RecentClearances::new(shared.rules.margin),
             violated: false,
+            rests: false,
             stop: Stop::sent(Time::ZERO),
             stopped: Vec::new().into(),
             escape: None,
@@ -288,7 +291,12 @@ impl ReflexCore {
                     let reason = Hold::HistoryTooShort;
                     let what = why.to_string();
                     step.emit(Event::RetreatStopped { robot, reason, what, seen: step.now });
-                    self.report(token, ReflexReport::GaveUp(reason), step);
+                    let report = ReflexReport::GaveUp(reason);
+                    // A robot that an obstacle holds requests its retreat while it still creeps or pushes.
+                    match self.rests {
+                        true => self.report(token, report, step),
+                        false => self.enter_stop(token, AfterStop::Report(report), step),
+                    }
                 }
             }
         }
@@ -299,6 +307,7 @@ impl ReflexCore {
     /// continues the phase. Sets whether the robot is free in the pulse.
     fn pulse(&mut self, pulse: &mut Pulse, motion: Option<&Underway>, status: Status, step: &mut ReflexStep) {
         self.violated = pulse.violated.is_some();
+        self.rests = pulse.speed < step.rules.rest_speed;
         self.near = pulse.near(|_| true);
         if let Some(m) = motion.filter(|m| self.motion != Some(m.id)) {
             self.motion = Some(m.id);
