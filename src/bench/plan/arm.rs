@@ -1,4 +1,5 @@
-//! The robot of a problem file: `robots/NAME_spherized.urdf` (or `NAME.urdf`) and `robots/NAME.srdf` beside it, or `robots/NAME.xml`.
+//! The robot of a problem file: `robots/NAME_spherized.urdf` (or `NAME.urdf`) and `robots/NAME.srdf` beside it, or
+//! `robots/NAME.xml`.
 //!
 //! The pairs that the SRDF disables are not tested, nor those that touch at every sampled configuration, which would leave nothing
 //! free. No other pair is left out, so that the questions are those that published figures answer.
