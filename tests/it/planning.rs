@@ -70,7 +70,7 @@ fn problem_files_that_are_none_are_refused_with_place_and_remedy() {
         ("\"robot\":\"panda\"", "\"robot\":\"../panda\"", "names no file"),
         ("{", "", "invalid type: string"),
         // all else is right, but there is no robot beside the file
-        ("\"index\":1", "\"index\":100", "neither panda_spherized.urdf nor panda.urdf"),
+        ("\"index\":1", "\"index\":100", "panda.xml"),
     ] {
         let said = refused(from, to);
         assert!(said.contains(told) && said.contains("help"), "{from} to {to}: {said}");

@@ -1,11 +1,12 @@
-//! The robot of a problem file: `robots/NAME_spherized.urdf` (or `NAME.urdf`) and `robots/NAME.srdf` beside it.
+//! The robot of a problem file: `robots/NAME_spherized.urdf` (or `NAME.urdf`) and `robots/NAME.srdf` beside it, or
+//! `robots/NAME.xml`.
 //!
 //! The pairs that the SRDF disables are not tested, nor those that touch at every sampled configuration, which would leave nothing
 //! free. No other pair is left out, so that the questions are those that published figures answer.
 
 use super::problems::{InputFault, ProblemFile};
 use mobee_import::{UrdfOptions, load_link_tree, load_srdf, load_urdf};
-use mobee_model::{JointMotion, LeftOut, Loaded, Robot, Scene, ShapeId, random_poses, suggestion};
+use mobee_model::{JointMotion, LeftOut, Loaded, Robot, Scene, ShapeId, load_robot, random_poses, suggestion};
 use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -29,23 +30,23 @@ pub(crate) struct Arm {
     pub notes: Vec<String>,
 }
 
-/// Reads the robot of a problem file.
-///
-/// # Errors
-/// If its files are missing or faulty, or lack a joint, with place and remedy.
-pub(crate) fn load_arm(path: &Path, file: &ProblemFile) -> Result<Arm, InputFault> {
-    let folder = path.parent().unwrap_or(Path::new(".")).join("robots");
-    let name = &file.robot;
-    let urdf = [format!("{name}_spherized.urdf"), format!("{name}.urdf")].map(|n| folder.join(n));
-    let Some(urdf) = urdf.iter().find(|path| path.is_file()) else {
-        let text = format!("{}: neither {name}_spherized.urdf nor {name}.urdf is there", folder.display());
-        return Err(InputFault::new(text, "put the robot's URDF and SRDF in robots/ beside the problem file"));
-    };
+/// Reads a robot from its URDF and SRDF, or from its XML, and notes about these files.
+fn read_arm(folder: &Path, name: &str) -> Result<(Robot, Vec<String>), InputFault> {
     let fault = |e: &dyn std::error::Error| InputFault::new(e, "mend the file, or get it anew");
-    let Loaded { value: mut robot, warnings } = load_urdf(urdf, &UrdfOptions::default()).map_err(|e| fault(&e))?;
-    let tree = load_link_tree(urdf).map_err(|e| fault(&e))?;
+    let files = [format!("{name}_spherized.urdf"), format!("{name}.urdf"), format!("{name}.xml")];
+    let Some(file) = files.iter().map(|n| folder.join(n)).find(|path| path.is_file()) else {
+        let text = format!("{}: none of {} is there", folder.display(), files.join(", "));
+        let help = "put the robot's URDF and SRDF, or its XML, in robots/ beside the problem file";
+        return Err(InputFault::new(text, help));
+    };
+    if file.extension().is_some_and(|extension| extension == "xml") {
+        let Loaded { value, warnings } = load_robot(&file).map_err(|e| fault(&e))?;
+        return Ok((value, warnings.iter().map(ToString::to_string).collect()));
+    }
+    let Loaded { value: mut robot, warnings } = load_urdf(&file, &UrdfOptions::default()).map_err(|e| fault(&e))?;
+    let tree = load_link_tree(&file).map_err(|e| fault(&e))?;
     let srdf = load_srdf(folder.join(format!("{name}.srdf")), &tree).map_err(|e| fault(&e))?;
-    let mut notes: Vec<String> = warnings.iter().chain(&srdf.warnings).map(ToString::to_string).collect();
+    let notes = warnings.iter().chain(&srdf.warnings).map(ToString::to_string).collect();
     let node = |link: &str| robot.node_named(link);
     // a link without a node has no shapes either
     let disabled = srdf.value.disabled.iter().filter_map(|((a, b), reason)| {
@@ -53,6 +54,16 @@ pub(crate) fn load_arm(path: &Path, file: &ProblemFile) -> Result<Arm, InputFaul
     });
     let disabled: Vec<LeftOut> = disabled.collect();
     robot.leave_out(disabled);
+    Ok((robot, notes))
+}
+
+/// Reads the robot of a problem file.
+///
+/// # Errors
+/// If its files are missing or faulty, or lack a joint, with place and remedy.
+pub(crate) fn load_arm(path: &Path, file: &ProblemFile) -> Result<Arm, InputFault> {
+    let name = &file.robot;
+    let (mut robot, mut notes) = read_arm(&path.parent().unwrap_or(Path::new(".")).join("robots"), name)?;
     let motor = |joint: &String| {
         let names: Vec<&str> = robot.motors.iter().map(|m| m.name.as_str()).collect();
         robot.motors.iter().position(|m| m.name == *joint).ok_or_else(|| {
