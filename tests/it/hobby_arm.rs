@@ -77,7 +77,8 @@ fn a_slow_hobby_arm_lets_go_at_once() {
     let counters = runs(folder.path(), ("so101", "so101_new_calib", 0.1), ("", post, ", stall_deg = 8"));
     let [committed, back, faulted] = ["committed", "rolled_back", "faulted"].map(|name| count(&counters, name));
     assert!(committed >= 5 && back >= 3 && faulted == 0, "{counters}");
-    let longest = counters["push_s"].as_f64().expect("it has pushed the post");
+    // no entry: no touch exceeded 5 N
+    let longest = counters["push_s"].as_f64().unwrap_or_default();
     assert!(longest < 0.5, "{longest} s");
 }
 

@@ -18,6 +18,8 @@ const KEYWORDS: &[&str] = &[
     "definitions",
     "description",
     "enum",
+    // marks settings that `mobee kinds` shows on request
+    "expert",
     "format",
     "items",
     "maxItems",

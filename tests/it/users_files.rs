@@ -1,4 +1,4 @@
-//! Every file that a user names is opened by `mobee_model::file`: a pipe, a device or a file without an end is refused at once. Whoever
+//! Every file that a user names is opened by `mobee_text::file`: a pipe, a device or a file without an end is refused at once. Whoever
 //! adds another way to open files for reading finds it here.
 
 use std::path::{Path, PathBuf};
@@ -49,7 +49,9 @@ fn has_call(line: &str, call: &str) -> bool {
 fn users_files_are_opened_in_one_place() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
-    ["src", "model", "actors", "behaviors", "drivers"].iter().for_each(|f| sources(&root.join(f), &mut files));
+    ["src", "app", "model", "actors", "behaviors", "bridges", "drivers", "yarp"]
+        .iter()
+        .for_each(|f| sources(&root.join(f), &mut files));
     assert!(files.len() > 400, "only {} sources are found", files.len());
     let (mut wrong, mut used) = (Vec::new(), Vec::new());
     for file in &files {
@@ -66,7 +68,7 @@ fn users_files_are_opened_in_one_place() {
             }
         }
     }
-    assert!(wrong.is_empty(), "open them by mobee_model::file:\n{}", wrong.join("\n"));
+    assert!(wrong.is_empty(), "open them by mobee_text::file:\n{}", wrong.join("\n"));
     let idle: Vec<_> = ALLOWED.iter().enumerate().filter(|(k, _)| !used.contains(k)).map(|(_, a)| a).collect();
     assert!(idle.is_empty(), "these need no exception any more: {idle:?}");
 }

@@ -10,7 +10,7 @@ use std::fmt::Write;
 pub const PYTHON: &str = "python";
 
 /// A registered kind.
-pub struct Entry {
+pub struct KindEntry {
     /// Its role.
     pub role: &'static str,
     /// Its name.
@@ -22,13 +22,13 @@ pub struct Entry {
 }
 
 /// All registered kinds, by role and name.
-pub fn entries() -> Vec<Entry> {
+pub fn entries() -> Vec<KindEntry> {
     let schema = |k: &dyn AnyKind| match k.role() {
         // a controller's table has the settings of all controllers beside those of its kind
         Drive::NAME => controller_schema(k),
         _ => k.schema().to_value(),
     };
-    let entry = |k: &dyn AnyKind| Entry { role: k.role(), name: k.name(), doc: k.doc(), schema: schema(k) };
+    let entry = |k: &dyn AnyKind| KindEntry { role: k.role(), name: k.name(), doc: k.doc(), schema: schema(k) };
     registered().into_iter().map(entry).collect()
 }
 
@@ -64,7 +64,7 @@ pub fn listing(name: Option<&str>, expert: bool) -> Result<String, ConfigError> 
         return Ok(out);
     };
     let names: Vec<&str> = all.iter().map(|e| e.name).collect();
-    let found: Vec<&Entry> = all.iter().filter(|e| e.name == name).collect();
+    let found: Vec<&KindEntry> = all.iter().filter(|e| e.name == name).collect();
     if found.is_empty() {
         let near = nearest(name, &names).map_or(String::new(), |n| format!("did you mean `{n}`? "));
         return Err(ConfigError::plain(

@@ -2,7 +2,7 @@
 //! checks the shape of files when they are read, so the two can't differ.
 
 use crate::config::Config;
-use crate::kinds::{Entry, entries};
+use crate::kinds::{KindEntry, entries};
 use mobee_contract::Role;
 use mobee_controller::{DEFAULT_KIND, Drive};
 use serde_json::{Map, Value, json};
@@ -23,7 +23,7 @@ fn make() -> Value {
     let mut root = schemars::schema_for!(Config).to_value();
     let mut definitions = taken(&mut root, "$defs");
     let mut roles: Vec<(&str, Vec<Value>)> = Vec::new();
-    for Entry { role, name, doc, mut schema } in entries() {
+    for KindEntry { role, name, doc, mut schema } in entries() {
         let id = format!("{role}_{name}");
         for (key, inner) in taken(&mut schema, "$defs") {
             definitions.insert(format!("{id}_{key}"), relinked(inner, &id));

@@ -122,8 +122,14 @@ pub(super) struct RecordingHardware {
 impl Hardware for RecordingHardware {
     fn connect(&self) -> Result<Box<dyn Driver>, DriverFault> {
         let driver = self.inner.connect()?;
-        lock(&self.shared).board = Some(driver.board().clone());
-        Ok(Box::new(RecordingDriver { inner: driver, shared: self.shared.clone() }))
+        let mut board = driver.board().clone();
+        lock(&self.shared).board = Some(board.clone());
+        // The controller would correct the sag, and with it the targets and speeds that the board is measured by.
+        for axis in &mut board.axes {
+            axis.hold_error = 0.0;
+            axis.stop_sinks = false;
+        }
+        Ok(Box::new(RecordingDriver { inner: driver, board, shared: self.shared.clone() }))
     }
 
     fn look(&self) -> Option<Result<Box<dyn Driver>, DriverFault>> {
@@ -165,12 +171,14 @@ impl Hardware for RecordingHardware {
 
 struct RecordingDriver {
     inner: Box<dyn Driver>,
+    /// The board as the controller sees it: without hold offsets.
+    board: Board,
     shared: Shared,
 }
 
 impl Driver for RecordingDriver {
     fn board(&self) -> &Board {
-        self.inner.board()
+        &self.board
     }
 
     fn command(&mut self, now: Time, command: &Command) -> Result<(), DriverFault> {

@@ -2,12 +2,15 @@
 //! took longer to link than to run.
 
 mod explorer;
+mod hand_goals;
 mod icub;
+mod join;
 mod plan_agent;
 mod reach_agent;
 mod roadmap_agent;
 mod short_way;
 mod simple_agents;
+mod validation;
 // registers the agents
 use mobee_agents as _;
 

@@ -1,12 +1,9 @@
 //! Integration tests of this package, one module per property, in one binary: a binary for each
 //! took longer to link than to run.
 
-mod hand_goals;
-mod join;
 mod map_files;
 mod planners;
 mod table_map;
-mod validation;
 mod validity;
 #[allow(dead_code, reason = "the tests of the agents use the rest")]
 mod world;

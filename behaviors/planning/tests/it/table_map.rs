@@ -9,8 +9,8 @@ use std::sync::Arc;
 const MARKER: &str = "r_hand_dh_frame";
 
 fn scene() -> Arc<Scene> {
-    let robot = Arc::new(load_robot("../configs/robots/icub.xml").unwrap().value);
-    let objects = load_world("../configs/worlds/table.xml").unwrap().value;
+    let robot = Arc::new(load_robot("../../configs/robots/icub.xml").unwrap().value);
+    let objects = load_world("../../configs/worlds/table.xml").unwrap().value;
     Arc::new(Scene::new(vec![(robot, Isometry3::identity())], objects).unwrap())
 }
 
