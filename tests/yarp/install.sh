@@ -31,7 +31,7 @@ programs() {
     local stamp
     stamp=$(cat "$here/CMakeLists.txt" "$here"/*.cpp | sha256sum | cut -d' ' -f1)
     if [ "$(cat "$home/programs/.stamp" 2>/dev/null)" != "$stamp" ]; then
-        cmake -S "$here" -B "$home/programs/build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DYARP_DIR="$home/build" \
+        rm -rf "$home/programs/build" && cmake -S "$here" -B "$home/programs/build" -G Ninja -DCMAKE_BUILD_TYPE=Release -DYARP_DIR="$home/build" \
             -DCMAKE_PREFIX_PATH="$home/ycm/ycm_cmake_modules" -DCMAKE_RUNTIME_OUTPUT_DIRECTORY="$home/programs" \
             >> "$log" 2>&1 || fail "CMake refuses the test programs (see $log)"
         cmake --build "$home/programs/build" >> "$log" 2>&1 || fail "the test programs do not build (see $log)"

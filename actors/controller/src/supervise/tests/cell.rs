@@ -73,6 +73,7 @@ enum ToSupervise {
     ReflexReport(ReflexReport),
 }
 #[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a queue of a test holds a few of them")]
 enum ToReflex {
     Pulse(Pulse),
     RollBack(u64, Underway, bool),
