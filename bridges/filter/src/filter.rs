@@ -3,7 +3,7 @@
 //!
 //! The core is pure: it decides on requests and is informed of their outcome. Its requests and replies are
 //! types ([`BoardRequest`], [`BoardReply`]); their encoding belongs to a bridge, YARP's is the module
-//! `yarp::board`.
+//! `mobee_bridge_yarp::board`.
 //!
 //! A request to a robot that is still starting waits for it, at most two seconds. After that:
 //!

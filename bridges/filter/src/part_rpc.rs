@@ -1,5 +1,5 @@
 //! RPC of a robot's part: its joints, its markers and its frame. The encoding of requests belongs to a
-//! bridge; YARP's is the module `yarp::part`.
+//! bridge; YARP's is `mobee_bridge_yarp::part`.
 
 use mobee_model::{Marker, Robot};
 use nalgebra::{Isometry3, Point3};

@@ -1,5 +1,5 @@
 //! A robot's own RPC: requests of an operator to its controller. The encoding of requests belongs to a
-//! bridge, YARP's is the module `yarp::robot`.
+//! bridge, YARP's is `mobee_bridge_yarp::robot`.
 
 use mobee_contract::{Filtered, Refusal, Status};
 

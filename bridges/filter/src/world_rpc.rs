@@ -4,7 +4,7 @@
 //! The core is pure: a request and a view of the world give a reply and the edits to make. Mistakes of the
 //! original are corrected: `grab` holds until it is released, a malformed request is answered with a message,
 //! names in use are skipped, and a request that changes nothing reports this. Requests and replies are types
-//! ([`WorldRequest`], [`WorldReply`]); their encoding belongs to a bridge, YARP's is [`crate::yarp::world`].
+//! ([`WorldRequest`], [`WorldReply`]); their encoding belongs to a bridge, YARP's is `mobee_bridge_yarp::world`.
 
 mod file;
 mod grab;
