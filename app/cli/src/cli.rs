@@ -281,7 +281,7 @@ const TORTURE_LOG: &str = "off";
 /// # Examples
 /// ```no_run
 /// fn main() -> std::process::ExitCode {
-///     mobee::cli::main()
+///     mobee_cli::cli::main()
 /// }
 /// ```
 pub fn main() -> ExitCode {

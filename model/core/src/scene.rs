@@ -180,7 +180,7 @@ impl Contact {
 /// use nalgebra::Isometry3;
 /// use std::sync::Arc;
 ///
-/// let robot = Arc::new(load_robot("../configs/robots/katana.xml")?.value);
+/// let robot = Arc::new(load_robot("../../configs/robots/katana.xml")?.value);
 /// let scene = Scene::new(vec![(robot, Isometry3::identity())], Vec::new())?;
 /// let home = scene.home();
 /// assert!(scene.free(&home, 0.0));

@@ -54,7 +54,7 @@ pub struct WatchCounters {
 /// use nalgebra::Isometry3;
 /// use std::sync::Arc;
 ///
-/// let robot = Arc::new(load_robot("../configs/robots/katana.xml")?.value);
+/// let robot = Arc::new(load_robot("../../configs/robots/katana.xml")?.value);
 /// let scene = Arc::new(Scene::new(vec![(robot, Isometry3::identity())], Vec::new())?);
 /// let mut watch = Watch::new(scene, 0.01);
 /// let mut pose = watch.scene().home()[0].to_vec();

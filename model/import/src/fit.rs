@@ -73,7 +73,8 @@ pub struct Fitted {
 ///
 /// # Example
 /// ```
-/// use mobee_model::{FitOptions, Mesh, fit_link};
+/// use mobee_import::{FitOptions, fit_link};
+/// use mobee_model::Mesh;
 /// use nalgebra::Vector3;
 ///
 /// // A triangle is flat, so one thin box does.
