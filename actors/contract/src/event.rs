@@ -359,7 +359,7 @@ pub enum Event {
         robot: String,
         /// Greatest force so far, N.
         newtons: f64,
-        /// Duration so far, s.
+        /// Time with a force above 5 N so far, s.
         secs: f64,
         /// True if it still pushes.
         lasting: bool,

@@ -230,7 +230,14 @@ fn torque_is_given_by_connecting_and_released_only_at_the_rest_configuration() {
         let port = arm.terminal.port().to_owned();
         let other = mobee_feetech::FeetechHardware::new(&crate::arm::settings(&port, &robot), &robot).unwrap();
         drop(std::mem::replace(&mut arm.hardware, other));
-        assert_eq!(torque(&arm), left, "rest {rest:?}");
+        // the last packet is on its way to the servos, which do not answer it
+        let read = (0..200).any(|_| {
+            torque(&arm) == left || {
+                arm.pause(Duration::from_millis(5));
+                false
+            }
+        });
+        assert!(read, "rest {rest:?}: {} servos have torque", torque(&arm));
     }
 }
 
