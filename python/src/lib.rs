@@ -48,6 +48,7 @@ mod sense_serve;
 mod sense_slots;
 mod serve;
 mod session;
+mod shapes;
 mod slots;
 mod steps;
 mod timing;
@@ -84,9 +85,11 @@ mod _native {
     #[pymodule_export]
     use crate::scene::PyScene;
     #[pymodule_export]
+    use crate::shapes::{PyBox, PyCapsule, PyCylinder, PyHull, PyMesh, PyShape, PySphere};
+    #[pymodule_export]
     use crate::steps::PySteps;
     #[pymodule_export]
     use crate::view::{PyView, PyWorldObject};
     #[pymodule_export]
-    use crate::world::{PyBox, PyCapsule, PyCylinder, PyHull, PyMesh, PyShape, PySphere, PyWorld};
+    use crate::world::PyWorld;
 }
